@@ -1,0 +1,105 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pinhole camera with lens distortion, as sensor_msgs/CameraInfo describes it."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ivfmc_ros.errors import CellError
+from ivfmc_ros.model import Floats
+
+# ROS distortion model -> how many coefficients it has (image_geometry, REP 104)
+DISTORTION_COEFFICIENTS = {'plumb_bob': 5, 'rational_polynomial': 8}
+
+# OpenCV stops after 5 iterations by default, which leaves 0.01 px at the rim of a strong lens.
+_CONVERGED = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Camera:
+    """
+    Camera model in ``camera_optical_frame`` (z forward, x right, y down).
+
+    K : (3, 3) float64, pixel
+    distortion : (5,) for plumb_bob or (8,) for rational_polynomial, OpenCV's order
+    """
+
+    width: int
+    height: int
+    K: Floats
+    distortion: Floats
+    model: str = 'plumb_bob'
+    name: str = 'camera'
+
+    def __post_init__(self) -> None:
+        if self.width <= 0 or self.height <= 0:
+            raise CellError(f'image size {self.width} x {self.height} is not positive')
+        if self.K.shape != (3, 3) or not np.isfinite(self.K).all():
+            raise CellError('camera_matrix: 9 finite numbers are needed')
+        if self.K[0, 0] <= 0 or self.K[1, 1] <= 0:
+            raise CellError('camera_matrix: the focal lengths must be positive')
+        if not (0 < self.K[0, 2] < self.width and 0 < self.K[1, 2] < self.height):
+            raise CellError('camera_matrix: the principal point lies outside the image')
+        if np.any(self.K[[1, 2, 2], [0, 0, 1]] != 0) or self.K[2, 2] != 1 or self.K[0, 1] != 0:
+            raise CellError('camera_matrix: must be [fx, 0, cx, 0, fy, cy, 0, 0, 1]')
+        expected = DISTORTION_COEFFICIENTS.get(self.model)
+        if expected is None:
+            known = ', '.join(DISTORTION_COEFFICIENTS)
+            raise CellError(f'distortion_model: {self.model!r} is not one of {known}')
+        if self.distortion.shape != (expected,) or not np.isfinite(self.distortion).all():
+            raise CellError(f'distortion_coefficients: {self.model} has {expected} finite numbers')
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in pixels."""
+        return self.width, self.height
+
+    def rays(self, uv: ArrayLike) -> Floats:
+        """
+        Return the undistorted ray through each pixel, scaled to unit depth.
+
+        uv : (n, 2) pixel (column, row)
+        returns : (n, 3) float64, (x, y, 1) in ``camera_optical_frame``
+        """
+        pixels = np.asarray(uv, dtype=np.float64).reshape(-1, 1, 2)
+        rays = np.ones((len(pixels), 3))
+        if len(pixels):
+            rays[:, :2] = _undistort(pixels, self.K, self.distortion).reshape(-1, 2)
+        return rays
+
+    def project(self, points_xyz: ArrayLike) -> Floats:
+        """
+        Return where points are seen, with distortion.
+
+        points_xyz : (n, 3) metres, in ``camera_optical_frame``, in front of the camera
+        returns : (n, 2) float64, pixel (column, row)
+        """
+        points = np.asarray(points_xyz, dtype=np.float64).reshape(-1, 1, 3)
+        if not len(points):
+            return np.empty((0, 2))
+        zero = np.zeros(3)
+        projected, _ = cv2.projectPoints(points, zero, zero, self.K, self.distortion)
+        return np.asarray(projected, dtype=np.float64).reshape(-1, 2)
+
+    def require_image(self, shape: tuple[int, ...], where: str) -> None:
+        """
+        Check that a picture has the size that this camera was calibrated at.
+
+        :raises CellError: it has another one; the message begins with ``where``
+        """
+        if shape[:2] != (self.height, self.width):
+            raise CellError(
+                f'{where}: the picture is {shape[1]} x {shape[0]}, the camera was calibrated '
+                f'at {self.width} x {self.height}; use pictures and calibration of one camera'
+            )
+
+
+def _undistort(pixels: Floats, K: Floats, distortion: Floats) -> Any:
+    # OpenCV 5 gave undistortPoints the criteria that 4.x has in a function of its own.
+    if hasattr(cv2, 'undistortPointsIter'):
+        return cv2.undistortPointsIter(pixels, K, distortion, None, None, _CONVERGED)
+    return cv2.undistortPoints(pixels, K, distortion, criteria=_CONVERGED)

@@ -1,0 +1,87 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Camera, laser planes and table axis together: all that triangulation needs to know."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ivfmc_ros.cell import transforms
+from ivfmc_ros.cell.camera import Camera
+from ivfmc_ros.cell.laser import LaserPlane
+from ivfmc_ros.errors import CellError
+from ivfmc_ros.model import Floats
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Turntable:
+    """
+    Where the table stands.
+
+    camera_from_base : (4, 4) rigid, metres; takes ``turntable_base`` (origin where the axis meets
+        the platter, z up along the axis, x towards the camera) to ``camera_optical_frame``
+    residual_rms : metres, of the calibration
+    covariance : (6, 6) of (translation, rotation vector) in ``camera_optical_frame``, or None
+    """
+
+    camera_from_base: Floats
+    joint: str = 'turntable_joint'
+    residual_rms: float = 0.0
+    covariance: Floats | None = None
+
+    def __post_init__(self) -> None:
+        T = self.camera_from_base
+        if T.shape != (4, 4) or np.abs(T[3] - (0, 0, 0, 1)).max() > 0:
+            raise CellError('camera_from_base: the last row must be 0, 0, 0, 1')
+        if not transforms.is_rotation(T[:3, :3]):
+            raise CellError(
+                'camera_from_base: the 3x3 part is no rotation (not orthonormal, or reflected)'
+            )
+        if T[2, 3] <= 0:
+            raise CellError('camera_from_base: the table stands behind the camera')
+
+    def to_part(self, points_xyz: Floats, angle: float) -> Floats:
+        """
+        Take points from the camera to the part.
+
+        points_xyz : (n, 3) metres, ``camera_optical_frame``
+        angle : table position in radians when they were seen
+        returns : (n, 3) metres, ``turntable``
+        """
+        base = transforms.apply(transforms.invert(self.camera_from_base), points_xyz)
+        return np.asarray(base @ transforms.rotation_z(-angle).T)
+
+    def to_camera(self, points_xyz: Floats, angle: float) -> Floats:
+        """Take (n, 3) points from ``turntable`` at ``angle`` to ``camera_optical_frame``."""
+        base = points_xyz @ transforms.rotation_z(angle).T
+        return transforms.apply(self.camera_from_base, base)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Cell:
+    """A calibrated cell. Lasers are named; a frame refers to them by their index here."""
+
+    camera: Camera
+    turntable: Turntable
+    lasers: tuple[LaserPlane, ...]
+    camera_frame: str = 'camera_optical_frame'
+
+    def __post_init__(self) -> None:
+        if not self.lasers:
+            raise CellError('lasers: at least one is needed')
+        names = [laser.name for laser in self.lasers]
+        if len(set(names)) != len(names):
+            raise CellError(f'lasers: two have the same name ({", ".join(names)})')
+        for laser in self.lasers:
+            if not sees(self.camera, laser):
+                raise CellError(f'lasers: {laser.name}: plane: the camera cannot see it')
+
+
+def sees(camera: Camera, laser: LaserPlane, farthest: float = 20.0) -> bool:
+    """Tell whether the sheet crosses the camera's picture nearer than ``farthest`` metres."""
+    columns, rows = np.meshgrid(
+        np.linspace(0, camera.width - 1, 33), np.linspace(0, camera.height - 1, 25)
+    )
+    points = laser.intersect(camera.rays(np.stack([columns.ravel(), rows.ravel()], axis=1)))
+    with np.errstate(invalid='ignore'):
+        return bool((points[:, 2] < farthest).any())

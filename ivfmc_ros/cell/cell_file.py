@@ -1,0 +1,236 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``cell.yaml``: the calibration of lasers and turntable."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from dataclasses import field
+from dataclasses import replace
+from datetime import datetime
+from datetime import UTC
+from pathlib import Path
+from typing import Any
+from typing import TypeVar
+
+import numpy as np
+import yaml
+
+from ivfmc_ros import files
+from ivfmc_ros.cell.camera import Camera
+from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.cell.cell import Turntable
+from ivfmc_ros.cell.fields import Fields
+from ivfmc_ros.cell.laser import Bow
+from ivfmc_ros.cell.laser import LaserPlane
+from ivfmc_ros.errors import CellError
+
+_Built = TypeVar('_Built')
+
+_VERSION = 1
+_NOTES = ('temperature_c', 'exposure', 'focus', 'board')
+_TOP = ('version', 'camera_frame', 'turntable', 'lasers', 'created', *_NOTES)
+_LASER = ('name', 'plane', 'residual_rms', 'stripe', 'bow', 'covariance', 'volume')
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CellDraft:
+    """
+    What is known of a cell so far: a calibration adds lasers and turntable one by one.
+
+    notes : the optional keys temperature_c, exposure, focus, board, kept as they are
+    """
+
+    turntable: Turntable | None = None
+    lasers: tuple[LaserPlane, ...] = ()
+    camera_frame: str = 'camera_optical_frame'
+    notes: dict[str, Any] = field(default_factory=dict)
+    created: str | None = None
+
+    def with_laser(self, laser: LaserPlane) -> 'CellDraft':
+        """Return the draft with ``laser`` in place of the one of its name, or added."""
+        names = [known.name for known in self.lasers]
+        lasers = list(self.lasers)
+        if laser.name in names:
+            lasers[names.index(laser.name)] = laser
+        else:
+            lasers.append(laser)
+        return replace(self, lasers=tuple(lasers), created=None)
+
+    def with_turntable(self, turntable: Turntable) -> 'CellDraft':
+        """Return the draft with another turntable."""
+        return replace(self, turntable=turntable, created=None)
+
+    def with_notes(self, **notes: Any) -> 'CellDraft':
+        """Return the draft with notes added or replaced."""
+        return replace(self, notes={**self.notes, **notes})
+
+    def complete(self, camera: Camera, where: str) -> Cell:
+        """
+        Return the cell.
+
+        :raises CellError: lasers or turntable are missing or impossible for ``camera``
+        """
+        if self.turntable is None:
+            raise CellError(f"{where}: turntable: is missing; run 'ivfmc calibrate turntable'")
+        if not self.lasers:
+            raise CellError(f"{where}: lasers: none; run 'ivfmc calibrate laser'")
+        try:
+            return Cell(
+                camera=camera,
+                turntable=self.turntable,
+                lasers=self.lasers,
+                camera_frame=self.camera_frame,
+            )
+        except CellError as error:
+            raise CellError(f'{where}: {error}') from None
+
+
+def load_cell(path: Path, camera: Camera) -> Cell:
+    """
+    Read a complete cell.
+
+    :raises CellError: names the file and the key that is missing, unknown or impossible
+    """
+    return load_draft(path).complete(camera, str(path))
+
+
+def load_draft(path: Path) -> CellDraft:
+    """
+    Read a cell that may lack its lasers or its turntable.
+
+    :raises CellError: names the file and the key that is unknown or impossible
+    """
+    fields = Fields.read(path)
+    fields.only(*_TOP)
+    if fields.get('version') != _VERSION:
+        raise fields.fail('version', f'{fields.get("version")!r} is not {_VERSION}')
+    lasers = fields.get('lasers') if fields.has('lasers') else []
+    if not isinstance(lasers, list):
+        raise fields.fail('lasers', 'must be a list')
+    return CellDraft(
+        turntable=_read_turntable(fields) if fields.has('turntable') else None,
+        lasers=tuple(
+            _read_laser(Fields.of(f'{fields.where}: lasers[{index}]', laser))
+            for index, laser in enumerate(lasers)
+        ),
+        camera_frame=fields.text('camera_frame'),
+        notes={key: fields.values[key] for key in _NOTES if fields.has(key)},
+        created=fields.time('created') if fields.has('created') else None,
+    )
+
+
+def save_draft(path: Path, draft: CellDraft) -> None:
+    """
+    Write a cell; ``created`` is now unless the draft was read from a file.
+
+    :raises FileError: it cannot be written
+    """
+    now = datetime.now(UTC).replace(microsecond=0).isoformat().replace('+00:00', 'Z')
+    document: dict[str, Any] = {'version': _VERSION, 'camera_frame': draft.camera_frame}
+    if draft.turntable is not None:
+        document['turntable'] = _turntable_document(draft.turntable)
+    document['lasers'] = [_laser_document(laser) for laser in draft.lasers]
+    document['created'] = draft.created or now
+    document.update(draft.notes)
+    files.write_text(path, yaml.safe_dump(document, sort_keys=False, default_flow_style=None))
+
+
+def save_cell(path: Path, cell: Cell) -> None:
+    """
+    Write a complete cell.
+
+    :raises FileError: it cannot be written
+    """
+    draft = CellDraft(turntable=cell.turntable, lasers=cell.lasers, camera_frame=cell.camera_frame)
+    save_draft(path, draft)
+
+
+def _read_turntable(top: Fields) -> Turntable:
+    fields = top.mapping('turntable')
+    fields.only('joint', 'camera_from_base', 'residual_rms', 'covariance')
+    return _named(
+        fields,
+        lambda: Turntable(
+            joint=fields.text('joint'),
+            camera_from_base=fields.array('camera_from_base', 16).reshape(4, 4),
+            residual_rms=fields.number('residual_rms'),
+            covariance=_optional(fields, 'covariance', 6, 6),
+        ),
+    )
+
+
+def _read_laser(fields: Fields) -> LaserPlane:
+    fields.only(*_LASER)
+    plane = fields.array('plane', 4)
+    stripe = fields.text('stripe')
+    if stripe not in ('rows', 'columns'):
+        raise fields.fail('stripe', f'{stripe!r} is neither rows nor columns')
+    return _named(
+        fields,
+        lambda: LaserPlane(
+            name=fields.text('name'),
+            normal=plane[:3],
+            offset=float(plane[3]),
+            stripe='rows' if stripe == 'rows' else 'columns',
+            residual_rms=fields.number('residual_rms'),
+            bow=_read_bow(fields.mapping('bow')) if fields.has('bow') else None,
+            covariance=_optional(fields, 'covariance', 4, 4),
+            volume=_optional(fields, 'volume', 2, 3),
+        ),
+    )
+
+
+def _read_bow(fields: Fields) -> Bow:
+    fields.only('center', 'along', 'coefficients')
+    return Bow(
+        center=fields.array('center', 3),
+        along=fields.array('along', 3),
+        coefficients=fields.array('coefficients', 3),
+    )
+
+
+def _optional(fields: Fields, key: str, rows: int, columns: int) -> Any:
+    if not fields.has(key):
+        return None
+    return fields.array(key, rows * columns).reshape(rows, columns)
+
+
+def _named(fields: Fields, build: Callable[[], _Built]) -> _Built:
+    """Call ``build`` and put the place of ``fields`` before what it complains about."""
+    try:
+        return build()
+    except CellError as error:
+        text = str(error)
+        raise (
+            error if text.startswith(fields.where) else CellError(f'{fields.where}: {text}')
+        ) from None
+
+
+def _turntable_document(turntable: Turntable) -> dict[str, Any]:
+    document: dict[str, Any] = {
+        'joint': turntable.joint,
+        'camera_from_base': turntable.camera_from_base.ravel().tolist(),
+        'residual_rms': float(turntable.residual_rms),
+    }
+    if turntable.covariance is not None:
+        document['covariance'] = turntable.covariance.ravel().tolist()
+    return document
+
+
+def _laser_document(laser: LaserPlane) -> dict[str, Any]:
+    document: dict[str, Any] = {
+        'name': laser.name,
+        'plane': [*laser.normal.tolist(), float(laser.offset)],
+        'residual_rms': float(laser.residual_rms),
+        'stripe': laser.stripe,
+    }
+    if laser.bow is not None:
+        document['bow'] = {
+            key: np.asarray(getattr(laser.bow, key)).tolist()
+            for key in ('center', 'along', 'coefficients')
+        }
+    for key in ('covariance', 'volume'):
+        values = getattr(laser, key)
+        if values is not None:
+            document[key] = values.ravel().tolist()
+    return document

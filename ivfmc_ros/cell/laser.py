@@ -1,0 +1,114 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A sheet of laser light: a plane, or a plane with a bow."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ivfmc_ros.errors import CellError
+from ivfmc_ros.model import Floats
+
+# Below this the camera looks along the sheet and a stripe says nothing about depth.
+MIN_CAMERA_DISTANCE = 1e-3
+
+Stripe = Literal['rows', 'columns']
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Bow:
+    """
+    How a sheet departs from its plane, in ``camera_optical_frame``.
+
+    The sheet is n.X + d = a s^2 + b s t + c t^2 with s = along.(X - center) and
+    t = (n x along).(X - center), metres. A cylinder lens that is tilted to the beam casts such
+    a shallow cone.
+
+    center : (3,) metres, on the plane
+    along : (3,) unit vector in the plane
+    coefficients : (3,) a, b, c in 1/metre
+    """
+
+    center: Floats
+    along: Floats
+    coefficients: Floats
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LaserPlane:
+    """
+    Where one laser shines, in ``camera_optical_frame``.
+
+    normal : (3,) unit vector n, and offset d in metres: n.X + d = 0
+    stripe : 'rows' has one stripe point per image row, 'columns' one per image column
+    residual_rms : metres, of the calibration
+    covariance : (4, 4) of (nx, ny, nz, d), or None
+    volume : (2, 3) metres, least and greatest X, Y, Z of the calibration's points, or None
+    """
+
+    name: str
+    normal: Floats
+    offset: float
+    stripe: Stripe = 'rows'
+    residual_rms: float = 0.0
+    bow: Bow | None = None
+    covariance: Floats | None = None
+    volume: Floats | None = None
+
+    def __post_init__(self) -> None:
+        if abs(float(np.linalg.norm(self.normal)) - 1.0) > 1e-6:
+            raise CellError('plane: the normal (first three numbers) must have length 1')
+        if abs(self.offset) < MIN_CAMERA_DISTANCE:
+            raise CellError(
+                'plane: the camera centre lies in the laser plane, nothing can be triangulated; '
+                'move the laser aside'
+            )
+
+    def distance(self, points_xyz: Floats) -> Floats:
+        """
+        Return the signed distance of points from the sheet.
+
+        points_xyz : (n, 3) metres, in ``camera_optical_frame``
+        returns : (n,) float64, metres (to second order in the bow)
+        """
+        distance = points_xyz @ self.normal + self.offset
+        if self.bow is not None:
+            s, t = self._in_plane(points_xyz - self.bow.center)
+            a, b, c = self.bow.coefficients
+            distance = distance - (a * s * s + b * s * t + c * t * t)
+        return np.asarray(distance)
+
+    def intersect(self, rays: Floats) -> Floats:
+        """
+        Return where rays from the camera centre meet the sheet.
+
+        rays : (n, 3) directions of unit depth, in ``camera_optical_frame``
+        returns : (n, 3) float64, metres; NaN where a ray misses the sheet in front of the camera
+        """
+        with np.errstate(divide='ignore', invalid='ignore'):
+            depth = self._depth(rays)
+            depth = np.where(depth > 0, depth, np.nan)
+        return rays * depth[:, None]
+
+    def _depth(self, rays: Floats) -> Floats:
+        linear = rays @ self.normal
+        if self.bow is None:
+            return np.asarray(-self.offset / linear)
+        s_ray, t_ray = self._in_plane(rays)
+        s_center, t_center = self._in_plane(self.bow.center)
+        a, b, c = self.bow.coefficients
+        # X = depth * ray in the sheet's equation gives A depth^2 + B depth + C = 0
+        A = -(a * s_ray**2 + b * s_ray * t_ray + c * t_ray**2)
+        B = linear + 2 * a * s_ray * s_center + 2 * c * t_ray * t_center
+        B = B + b * (s_ray * t_center + t_ray * s_center)
+        C = self.offset - (a * s_center**2 + b * s_center * t_center + c * t_center**2)
+        # of the two roots the one near the plane, in the form that does not cancel
+        root = np.sqrt(B * B - 4 * A * C)
+        return np.asarray(-2 * C / (B + np.copysign(root, B)))
+
+    def _in_plane(self, vectors: Floats) -> tuple[Floats, Floats]:
+        if self.bow is None:
+            raise ValueError('a plane without bow has no in-plane axes')
+        across = np.cross(self.normal, self.bow.along)
+        return vectors @ self.bow.along, vectors @ across

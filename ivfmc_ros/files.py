@@ -1,0 +1,52 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Files that appear whole or not at all."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import tempfile
+
+from ivfmc_ros.errors import FileError
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """
+    Give a temporary path beside ``path`` to write to; it becomes ``path`` when the block ends.
+
+    If the block raises, the temporary file goes and ``path`` is what it was. The suffix is kept,
+    because writers such as OpenCV's choose the format by it.
+
+    :raises FileError: the folder does not exist or cannot be written
+    """
+    try:
+        handle, name = tempfile.mkstemp(
+            prefix=f'.{path.stem}-', suffix=path.suffix, dir=path.parent
+        )
+        os.close(handle)
+    except OSError as error:
+        raise FileError(f'{path}: cannot be written: {error.strerror}') from error
+    temporary = Path(name)
+    try:
+        yield temporary
+        # mkstemp gives 0600; a result must be as readable as any other new file
+        umask = os.umask(0)
+        os.umask(umask)
+        temporary.chmod(0o666 & ~umask)
+        temporary.replace(path)
+    except OSError as error:
+        raise FileError(f'{path}: cannot be written: {error.strerror}') from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """
+    Write ``text`` to ``path``, whole or not at all.
+
+    :raises FileError: the file cannot be written
+    """
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding='utf-8')

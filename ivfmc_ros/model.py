@@ -1,0 +1,177 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What flows through the scanner: pictures, profiles, views, poses, a mesh.
+
+Units are metres, radians and nanoseconds; pixel (0, 0) is the centre of the first pixel
+(OpenCV's convention). Points are in the frame ``turntable``, which turns with the part.
+Invalid points are NaN (REP 117).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+Image = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+def _require_shape(name: str, array: NDArray[Any], shape: Sequence[int | None]) -> None:
+    """Raise ValueError unless ``array`` has ``shape`` (None stands for any length)."""
+    fits = array.ndim == len(shape) and all(
+        want is None or have == want for have, want in zip(array.shape, shape, strict=True)
+    )
+    if not fits:
+        wanted = ', '.join('n' if size is None else str(size) for size in shape)
+        raise ValueError(f'{name} has shape {array.shape}, expected ({wanted})')
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Frame:
+    """
+    One camera picture and what the cell was doing while it was exposed.
+
+    image : (height, width) mono or (height, width, 3) BGR, uint8 or uint16
+    stamp_ns : start of exposure, nanoseconds
+    angle : table position in radians, positive counter-clockwise about +z
+    laser : index of the laser that was on, in the order of the cell
+    seq : counts the profiles of a scan without gaps
+    """
+
+    image: Image
+    stamp_ns: int
+    angle: float
+    laser: int = 0
+    view: int = 0
+    seq: int = 0
+
+    def __post_init__(self) -> None:
+        if not (self.image.ndim == 2 or (self.image.ndim == 3 and self.image.shape[2] == 3)):
+            raise ValueError(f'image has shape {self.image.shape}, expected (h, w) or (h, w, 3)')
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Profile:
+    """
+    The stripe of one picture as points on the part.
+
+    points_xyz : (n, 3) float64, metres, frame ``turntable``
+    intensity : (n,) float64, brightness of the stripe above its background, in grey values
+    sigma : (n,) float64, metres, 1 sigma along the error direction dX/du in the laser plane
+    uv : (n, 2) float64, pixel (column, row) where the stripe was found
+    """
+
+    points_xyz: Floats
+    intensity: Floats
+    sigma: Floats
+    uv: Floats
+    angle: float
+    laser: int
+    view: int
+    seq: int
+    stamp_ns: int
+
+    def __post_init__(self) -> None:
+        count = len(self.points_xyz)
+        _require_shape('points_xyz', self.points_xyz, (count, 3))
+        _require_shape('intensity', self.intensity, (count,))
+        _require_shape('sigma', self.sigma, (count,))
+        _require_shape('uv', self.uv, (count, 2))
+
+    def __len__(self) -> int:
+        return len(self.points_xyz)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class View:
+    """
+    One sweep of one laser as an organised cloud: rows are stripe rows, columns are profiles.
+
+    points_xyz : (rows, columns, 3) float64, metres, frame ``turntable``; NaN where nothing is
+    intensity, sigma : (rows, columns) float64, grey values and metres; NaN where nothing is
+    uv : (rows, columns, 2) float64, pixel; NaN where nothing is
+    angles : (columns,) float64, radians, ascending
+    seqs : (columns,) int64, the profile that became this column
+    """
+
+    number: int
+    laser: int
+    points_xyz: Floats
+    intensity: Floats
+    sigma: Floats
+    uv: Floats
+    angles: Floats
+    seqs: Ints
+
+    def __post_init__(self) -> None:
+        _require_shape('points_xyz', self.points_xyz, (None, None, 3))
+        rows, columns = self.points_xyz.shape[:2]
+        _require_shape('intensity', self.intensity, (rows, columns))
+        _require_shape('sigma', self.sigma, (rows, columns))
+        _require_shape('uv', self.uv, (rows, columns, 2))
+        _require_shape('angles', self.angles, (columns,))
+        _require_shape('seqs', self.seqs, (columns,))
+
+    @property
+    def valid(self) -> Bools:
+        """(rows, columns) bool: where there is a point."""
+        return np.isfinite(self.points_xyz[..., 0])
+
+    def cloud(self) -> Floats:
+        """Return the valid points, (n, 3) float64, metres."""
+        return self.points_xyz[self.valid]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Poses:
+    """
+    Correction of every view in the frame ``turntable``; identity where the table was believed.
+
+    turntable_from_view : (views, 4, 4) float64, rigid; p_turntable = T @ p_view
+    """
+
+    turntable_from_view: Floats
+
+    def __post_init__(self) -> None:
+        _require_shape('turntable_from_view', self.turntable_from_view, (None, 4, 4))
+
+    @classmethod
+    def identity(cls, count: int) -> 'Poses':
+        """Return ``count`` poses that move nothing."""
+        return cls(turntable_from_view=np.tile(np.eye(4), (count, 1, 1)))
+
+    def __len__(self) -> int:
+        return len(self.turntable_from_view)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Mesh:
+    """
+    Triangles in the frame ``turntable``.
+
+    vertices_xyz : (n, 3) float64, metres
+    faces : (m, 3) int64, counter-clockwise seen from outside
+    normals : (n, 3) float64, unit, outward; NaN at a vertex that no face uses
+    sigma : (n,) float64, metres, 1 sigma of the vertex along its measuring direction
+    intensity : (n,) float64, grey values
+    """
+
+    vertices_xyz: Floats
+    faces: Ints
+    normals: Floats
+    sigma: Floats
+    intensity: Floats
+
+    def __post_init__(self) -> None:
+        count = len(self.vertices_xyz)
+        _require_shape('vertices_xyz', self.vertices_xyz, (count, 3))
+        _require_shape('faces', self.faces, (None, 3))
+        _require_shape('normals', self.normals, (count, 3))
+        _require_shape('sigma', self.sigma, (count,))
+        _require_shape('intensity', self.intensity, (count,))
