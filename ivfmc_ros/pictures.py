@@ -1,0 +1,124 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Picture files: which ones a folder holds, and decoding that refuses a damaged one."""
+
+from pathlib import Path
+import re
+from typing import cast
+
+import cv2
+import numpy as np
+
+from ivfmc_ros.errors import FileError
+from ivfmc_ros.model import Image
+
+SUFFIXES = ('.jpg', '.jpeg', '.png', '.bmp', '.tif', '.tiff')
+
+_JPEG_START = b'\xff\xd8'
+_JPEG_END = b'\xff\xd9'
+_JPEG_SCAN = 0xDA
+_PNG_START = b'\x89PNG\r\n\x1a\n'
+_PNG_END = b'IEND\xaeB`\x82'
+
+# Pixels as the sensor gave them: a camera that writes an orientation into its files has been
+# calibrated without anybody turning its pictures.
+_AS_TAKEN = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+
+
+def natural_key(name: str) -> list[tuple[int, str]]:
+    """Return a sorting key that puts step2 before step10."""
+    # captured digits stand at the odd places of the split
+    parts = re.split(r'([0-9]+)', name)
+    return [(int(part), '') if odd % 2 else (-1, part) for odd, part in enumerate(parts)]
+
+
+def list_pictures(folder: Path) -> list[Path]:
+    """
+    Return the pictures of a folder in natural order.
+
+    :raises FileError: the folder cannot be read or holds no picture
+    """
+    try:
+        entries = list(folder.iterdir())
+    except OSError as error:
+        raise FileError(f'{folder}: the folder cannot be read: {error.strerror}') from error
+    pictures = [path for path in entries if _is_picture(path)]
+    if not pictures:
+        raise FileError(f'{folder}: holds no picture; what counts are {", ".join(SUFFIXES)} files')
+    return sorted(pictures, key=lambda path: natural_key(path.name))
+
+
+def _is_picture(path: Path) -> bool:
+    hidden = path.name.startswith('.')
+    return not hidden and path.suffix.lower() in SUFFIXES and path.is_file()
+
+
+def read_bytes(path: Path) -> bytes:
+    """:raises FileError: the file cannot be read."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise FileError(f'{path}: cannot be read: {error.strerror}') from error
+
+
+def read_picture(path: Path) -> Image:
+    """
+    Read a picture file.
+
+    returns : (height, width) mono or (height, width, 3) BGR, uint8 or uint16, not turned by EXIF
+    :raises FileError: the file cannot be read, is cut off, or is no picture
+    """
+    return decode_picture(read_bytes(path), str(path))
+
+
+def decode_picture(data: bytes, where: str) -> Image:
+    """
+    Decode the bytes of a picture file; the message of an error begins with ``where``.
+
+    returns : (height, width) mono or (height, width, 3) BGR, uint8 or uint16, not turned by EXIF
+    :raises FileError: the data are cut off or no picture
+    """
+    if _is_cut_off(data):
+        raise FileError(f'{where}: the picture is cut off after {len(data)} bytes; copy it again')
+    try:
+        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), _AS_TAKEN)
+    except cv2.error:
+        image = None
+    if image is None:
+        raise FileError(f'{where}: cannot be decoded as a picture')
+    if image.dtype not in (np.uint8, np.uint16):
+        raise FileError(f'{where}: pixels are {image.dtype}; pictures have 8 or 16 bits')
+    return cast(Image, image)
+
+
+def is_jpeg(data: bytes) -> bool:
+    """Tell whether a file begins as a JPEG does."""
+    return data.startswith(_JPEG_START)
+
+
+def is_png(data: bytes) -> bool:
+    """Tell whether a file begins as a PNG does."""
+    return data.startswith(_PNG_START)
+
+
+def _is_cut_off(data: bytes) -> bool:
+    # OpenCV 4 fills what a cut JPEG lacks with grey, and the libraries below write of cut files
+    # on stderr: the end is looked for here, before they see the data.
+    if is_jpeg(data):
+        return data.find(_JPEG_END, _scan_offset(data)) < 0
+    if is_png(data):
+        return _PNG_END not in data
+    return not data
+
+
+def _scan_offset(data: bytes) -> int:
+    """Return where a JPEG's pixels begin; a thumbnail before them has an end mark of its own."""
+    offset = len(_JPEG_START)
+    while offset + 4 <= len(data) and data[offset] == 0xFF:
+        if data[offset + 1] == _JPEG_SCAN:
+            return offset
+        if data[offset + 1] == 0xFF:  # padding before a marker
+            offset += 1
+            continue
+        offset += 2 + int.from_bytes(data[offset + 2 : offset + 4], 'big')
+    return len(data)
