@@ -1,0 +1,84 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
+PYTHON ?= python3
+NAME ?=
+VENV := .venv
+BIN := $(VENV)/bin
+# Written last, so that an interrupted installation is taken up again.
+READY := $(VENV)/ready
+
+# What the wheel of Open3D links against without bringing it, as library:package of Debian.
+LIBRARIES := \
+	libEGL.so.1:libegl1 \
+	libGL.so.1:libgl1 \
+	libX11.so.6:libx11-6 \
+	libgomp.so.1:libgomp1 \
+	libidn2.so.0:libidn2-0 \
+	libudev.so.1:libudev1 \
+	libusb-1.0.so.0:libusb-1.0-0
+
+.DEFAULT_GOAL := help
+.PHONY: help env test demo bench clean distclean
+
+help:
+	@echo 'make env     build $(VENV) with all that tests and demo need (PYTHON=$(PYTHON))'
+	@echo 'make test    style, types and tests'
+	@echo 'make demo    scan the demo part in a simulated cell into build/demo'
+	@echo 'make bench   measure all groups of figures into build/bench; NAME=stripe: one group'
+	@echo 'make clean   remove build results and caches; make distclean: $(VENV) as well'
+
+env: $(READY)
+
+$(READY): setup.py
+	@$(check_python)
+	@$(install_libraries)
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
+	@$(BIN)/python -c 'import cv2, open3d' || { \
+		echo 'make env: OpenCV or Open3D is installed but does not load (see above)' >&2; \
+		exit 1; }
+	@touch $@
+
+test: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/python -m pytest
+
+demo: $(READY)
+	$(BIN)/ivfmc demo -o build/demo
+
+bench: $(READY)
+	PYTHONPATH=test $(BIN)/python -m bench $(NAME)
+
+clean:
+	rm -rf build install log dist *.egg-info .mypy_cache .pytest_cache .ruff_cache
+	find ivfmc_ros test -type d -name __pycache__ -prune -exec rm -rf {} +
+
+distclean: clean
+	rm -rf $(VENV)
+
+define check_python
+$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	echo 'make env: $(PYTHON) is missing or older than 3.11; name another: make env PYTHON=...' >&2; \
+	exit 1; }; \
+$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+	echo 'make env: $(PYTHON) cannot make a venv; on Debian: apt-get install python3-venv' >&2; \
+	exit 1; }
+endef
+
+# sbin: ldconfig is not on the path of a plain user
+define install_libraries
+present=$$(PATH="$$PATH:/sbin:/usr/sbin" ldconfig -p); missing=; \
+for pair in $(LIBRARIES); do \
+	echo "$$present" | grep -qF "$${pair%%:*} " || missing="$$missing $${pair##*:}"; \
+done; \
+[ -n "$$missing" ] || exit 0; \
+request="apt-get install -y --no-install-recommends$$missing"; \
+if [ "$$(id -u)" = 0 ]; then as=env; else as='sudo -n'; fi; \
+command -v apt-get >/dev/null && $$as true 2>/dev/null \
+	&& $$as apt-get update -q && $$as $$request || { \
+	echo "make env: Open3D needs libraries of the system; as root: $$request" >&2; \
+	exit 1; }
+endef

@@ -1,0 +1,88 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Builds ivfmc_ros, both with pip and with colcon (ament_python)."""
+
+from pathlib import Path
+
+from setuptools import find_packages
+from setuptools import setup
+from setuptools.command.install_scripts import install_scripts
+
+PACKAGE = 'ivfmc_ros'
+COMMAND = 'ivfmc'
+
+
+class InstallScripts(install_scripts):
+    """
+    Puts the command on the PATH of a colcon workspace as well.
+
+    setup.cfg sends every executable to lib/ivfmc_ros, where ``ros2 run`` looks for it; a
+    person types ``ivfmc``. A wheel holds no scripts at this point (pip writes them into bin/
+    itself), so that there is nothing to link.
+    """
+
+    def run(self) -> None:
+        """Install the scripts, then link the command into ``<prefix>/bin``."""
+        super().run()
+        script = Path(self.install_dir) / COMMAND
+        if script.parent.name != PACKAGE or not script.exists():
+            return
+        link = script.parents[2] / 'bin' / COMMAND
+        link.parent.mkdir(parents=True, exist_ok=True)
+        link.unlink(missing_ok=True)
+        link.symlink_to(Path('..') / 'lib' / PACKAGE / COMMAND)
+        self.outfiles.append(str(link))
+
+
+def shared_files() -> list[tuple[str, list[str]]]:
+    """Every file below config/, at the same place below share/ivfmc_ros/."""
+    files = sorted(path for path in Path('config').rglob('*') if path.is_file())
+    return [(f'share/{PACKAGE}/{path.parent}', [str(path)]) for path in files]
+
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    description='Camera, line laser and turntable as a measuring 3-D scanner',
+    license='Apache-2.0',
+    maintainer='ivfmc_ros maintainers',
+    maintainer_email='maintainers@ivfmc.example',
+    packages=find_packages(exclude=['test', 'test.*']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+        *shared_files(),
+    ],
+    python_requires='>=3.11',
+    # Lower bounds are the versions of Ubuntu noble, except for OpenCV (see package.xml).
+    install_requires=[
+        'click>=8.1',
+        'matplotlib>=3.6',
+        'mcap>=1.1',
+        'numpy>=1.26',
+        'open3d>=0.18',
+        'opencv-python-headless>=4.8',
+        'pyyaml>=6.0',
+        'rich>=13.7',
+        'scipy>=1.11',
+    ],
+    # What judges the style is pinned: another version would judge otherwise.
+    extras_require={
+        'test': [
+            'colcon-common-extensions>=0.3',
+            'mypy==2.4.1',
+            'pytest>=8.0',
+            'ruff==0.17.6',
+            'setuptools>=68.1',
+            'trimesh>=4.0',
+            'types-PyYAML',
+        ],
+    },
+    entry_points={
+        'console_scripts': [
+            'ivfmc = ivfmc_ros.cli.main:main',
+        ],
+    },
+    cmdclass={'install_scripts': InstallScripts},
+    zip_safe=False,
+)
