@@ -48,7 +48,8 @@ def to_grey(image: Image, weights: Floats) -> Image:
     """
     if image.ndim == 2:
         return image
-    return np.asarray(cv2.transform(image, weights.reshape(1, 3)))
+    grey: Image = np.asarray(cv2.transform(image, weights.reshape(1, 3)), dtype=image.dtype)
+    return grey
 
 
 def measuring_weights(images: Iterable[Image]) -> Floats:

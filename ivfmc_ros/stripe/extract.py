@@ -107,7 +107,7 @@ def extract(
     grey = channel.to_grey(image, _weights(image, settings))
     scale = 255.0 / np.iinfo(grey.dtype).max
     if stripe == 'columns':
-        grey = np.ascontiguousarray(grey.T)
+        grey = np.asarray(cv2.transpose(grey), dtype=grey.dtype)
         mask = None if mask is None else np.ascontiguousarray(mask.T)
     rows, peaks = _find_peaks(grey, settings, mask)
     found = _measure(_Patches.cut(grey, rows, peaks, settings, scale), rows, settings)
@@ -254,4 +254,3 @@ def _follow(window: float) -> float:
     density = np.exp(-0.5 * window**2) / np.sqrt(2.0 * np.pi)
     inside = 1.0 - 2.0 * ndtr(-window)
     return float(1.0 - 2.0 * window * density / inside)
-

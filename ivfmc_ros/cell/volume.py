@@ -1,0 +1,40 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The working volume: a cylinder about the table's axis."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.model import Bools
+from ivfmc_ros.model import Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class Volume:
+    """
+    A cylinder in ``turntable_base``; what lies outside is no part of the scanned object.
+
+    radius, bottom, top : metres; bottom and top are heights above the platter
+    """
+
+    radius: float = 0.060
+    bottom: float = 0.0
+    top: float = 0.100
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.radius <= 10.0:
+            raise ParameterError(f'radius: {self.radius} m is out of range; it must be 0 to 10 m')
+        if not -1.0 <= self.bottom < self.top <= 10.0:
+            raise ParameterError(
+                f'bottom, top: {self.bottom} m to {self.top} m is no height range; '
+                'they must rise, from -1 m to 10 m'
+            )
+
+    def contains(self, points_xyz: Floats) -> Bools:
+        """Tell of (..., 3) points which are inside; NaN is not."""
+        with np.errstate(invalid='ignore'):
+            near = np.hypot(points_xyz[..., 0], points_xyz[..., 1]) <= self.radius
+            z = points_xyz[..., 2]
+            return np.asarray(near & (z >= self.bottom) & (z <= self.top))

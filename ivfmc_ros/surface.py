@@ -1,0 +1,82 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Questions to a triangulated surface: what is nearest, what does a ray hit."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import open3d as o3d
+
+from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Nearest:
+    """
+    The point of a surface nearest to each of n points.
+
+    points_xyz : (n, 3) float64, metres; normals : (n, 3) of the faces they lie on
+    distance : (n,) float64, metres, not negative
+    """
+
+    points_xyz: Floats
+    normals: Floats
+    distance: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """
+    What each of n rays hits first.
+
+    distance : (n,) float64, in lengths of the ray's direction; inf where it hits nothing
+    normals : (n, 3) float64, of the faces that are hit
+    """
+
+    distance: Floats
+    normals: Floats
+
+
+class Surface:
+    """
+    A search structure over triangles (Embree through open3d; single precision inside).
+
+    vertices_xyz : (n, 3) metres; faces : (m, 3)
+    """
+
+    def __init__(self, vertices_xyz: Floats, faces: Ints) -> None:
+        self._scene = o3d.t.geometry.RaycastingScene()
+        self._scene.add_triangles(
+            o3d.core.Tensor.from_numpy(np.ascontiguousarray(vertices_xyz, dtype=np.float32)),
+            o3d.core.Tensor.from_numpy(np.ascontiguousarray(faces, dtype=np.uint32)),
+        )
+
+    def nearest(self, points_xyz: Floats) -> Nearest:
+        """Return the nearest point of the surface to each of (n, 3) finite points."""
+        found = self._scene.compute_closest_points(_single(points_xyz))
+        nearest = found['points'].numpy().astype(np.float64)
+        return Nearest(
+            points_xyz=nearest,
+            normals=found['primitive_normals'].numpy().astype(np.float64),
+            distance=np.linalg.norm(nearest - points_xyz, axis=1),
+        )
+
+    def signed_distance(self, points_xyz: Floats) -> Floats:
+        """Return (n,) metres from a closed surface, negative inside."""
+        return np.asarray(
+            self._scene.compute_signed_distance(_single(points_xyz)).numpy(), dtype=np.float64
+        )
+
+    def cast(self, origins: Floats, directions: Floats) -> Hits:
+        """Send rays from (n, 3) origins along (n, 3) directions."""
+        rays = np.concatenate(np.broadcast_arrays(origins, directions), axis=1)
+        found = self._scene.cast_rays(_single(rays))
+        return Hits(
+            distance=found['t_hit'].numpy().astype(np.float64),
+            normals=found['primitive_normals'].numpy().astype(np.float64),
+        )
+
+
+def _single(values: Floats) -> o3d.core.Tensor:
+    return o3d.core.Tensor.from_numpy(np.ascontiguousarray(values, dtype=np.float32))
