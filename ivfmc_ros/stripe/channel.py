@@ -3,6 +3,7 @@
 """Which colours of a picture measure the stripe."""
 
 from collections.abc import Iterable
+from typing import cast
 from typing import Literal
 
 import cv2
@@ -48,8 +49,7 @@ def to_grey(image: Image, weights: Floats) -> Image:
     """
     if image.ndim == 2:
         return image
-    grey: Image = np.asarray(cv2.transform(image, weights.reshape(1, 3)), dtype=image.dtype)
-    return grey
+    return cast(Image, cv2.transform(image, weights.reshape(1, 3)))
 
 
 def measuring_weights(images: Iterable[Image]) -> Floats:

@@ -10,6 +10,7 @@ centred on its own result, so that the window cannot pull the answer to a pixel'
 
 from dataclasses import dataclass
 from dataclasses import field
+from typing import cast
 
 import cv2
 import numpy as np
@@ -107,7 +108,7 @@ def extract(
     grey = channel.to_grey(image, _weights(image, settings))
     scale = 255.0 / np.iinfo(grey.dtype).max
     if stripe == 'columns':
-        grey = np.asarray(cv2.transpose(grey), dtype=grey.dtype)
+        grey = cast(Image, cv2.transpose(grey))
         mask = None if mask is None else np.ascontiguousarray(mask.T)
     rows, peaks = _find_peaks(grey, settings, mask)
     found = _measure(_Patches.cut(grey, rows, peaks, settings, scale), rows, settings)
