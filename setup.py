@@ -66,14 +66,15 @@ setup(
         'rich>=13.7',
         'scipy>=1.11',
     ],
-    # What judges the style is pinned: another version would judge otherwise.
+    # What judges style and types is pinned: another version would judge otherwise.
     extras_require={
         'test': [
             'colcon-common-extensions>=0.3',
             'mypy==2.4.1',
+            'numpy<2.5',
             'pytest>=8.0',
             'ruff==0.17.6',
-            'setuptools>=68.1',
+            'setuptools>=70.1',
             'trimesh>=4.0',
             'types-PyYAML',
         ],
