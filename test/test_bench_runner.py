@@ -87,6 +87,12 @@ def test_results_are_written(groups):
     ]
 
 
+def test_note_in_brackets_is_printed(groups, capsys):
+    add(groups, 'a', "def run():\n    yield Number('rms', 1, 'mm', note='[left]')\n")
+    run(groups)
+    assert '[left]' in capsys.readouterr().out
+
+
 def test_missed_bar_fails_after_all_groups_ran(groups):
     add(groups, 'a', BAD)
     add(groups, 'b', GOOD)

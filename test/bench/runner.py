@@ -11,6 +11,7 @@ import sys
 import time
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from bench.number import Number
@@ -92,7 +93,8 @@ def as_table(title: str, numbers: Sequence[Number]) -> Table:
     for number in numbers:
         bar = '' if number.bar is None else str(number.bar)
         value = f'{number.value:.6g}'
-        table.add_row(number.name, value, number.unit, bar, verdicts[number.ok], number.note)
+        name, unit, note = (escape(text) for text in (number.name, number.unit, number.note))
+        table.add_row(name, value, unit, bar, verdicts[number.ok], note)
     return table
 
 
