@@ -2,7 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Camera, laser planes and table axis together: all that triangulation needs to know."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from dataclasses import field
+from typing import Any
 
 import numpy as np
 
@@ -59,12 +62,17 @@ class Turntable:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Cell:
-    """A calibrated cell. Lasers are named; a frame refers to them by their index here."""
+    """
+    A calibrated cell. Lasers are named; a frame refers to them by their index here.
+
+    notes : what the calibration noted: board (what gave the scale), temperature_c, exposure, focus
+    """
 
     camera: Camera
     turntable: Turntable
     lasers: tuple[LaserPlane, ...]
     camera_frame: str = 'camera_optical_frame'
+    notes: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.lasers:

@@ -80,6 +80,7 @@ class CellDraft:
                 turntable=self.turntable,
                 lasers=self.lasers,
                 camera_frame=self.camera_frame,
+                notes=self.notes,
             )
         except CellError as error:
             raise CellError(f'{where}: {error}') from None
@@ -141,7 +142,12 @@ def save_cell(path: Path, cell: Cell) -> None:
 
     :raises FileError: it cannot be written
     """
-    draft = CellDraft(turntable=cell.turntable, lasers=cell.lasers, camera_frame=cell.camera_frame)
+    draft = CellDraft(
+        turntable=cell.turntable,
+        lasers=cell.lasers,
+        camera_frame=cell.camera_frame,
+        notes=dict(cell.notes),
+    )
     save_draft(path, draft)
 
 

@@ -50,6 +50,19 @@ def write_solid(path: Path, vertices_xyz: Floats, faces: Ints, unit: str = 'mm')
     write_mesh(path, mesh, unit)
 
 
+def write_cloud(path: Path, points_xyz: Floats, sigma: Floats, unit: str = 'mm') -> None:
+    """
+    Write (n, 3) points with their (n,) 1 sigma, both metres, as binary PLY.
+
+    :raises FileError: the file cannot be written
+    """
+    scale = UNITS[unit]
+    table = np.column_stack([points_xyz * scale, sigma * scale]).astype('<f4')
+    with files.whole_file(path) as temporary, temporary.open('wb') as stream:
+        stream.write(_ply_header(('x', 'y', 'z', 'sigma'), len(table), 0, unit))
+        stream.write(table.tobytes())
+
+
 def _stl(stream: BinaryIO, mesh: Mesh, vertices: Floats, unit: str) -> None:
     records = np.zeros(len(mesh.faces), dtype=_STL_FACE)
     records['normal'] = np.nan_to_num(normals.of_faces(vertices, mesh.faces))
@@ -68,19 +81,22 @@ def _ply(stream: BinaryIO, mesh: Mesh, vertices: Floats, unit: str) -> None:
     faces = np.zeros(len(mesh.faces), dtype=[('count', 'u1'), ('corners', '<i4', 3)])
     faces['count'] = 3
     faces['corners'] = mesh.faces
-    header = [
+    stream.write(_ply_header(names, len(vertices), len(faces), unit))
+    stream.write(table.tobytes())
+    stream.write(faces.tobytes())
+
+
+def _ply_header(names: tuple[str, ...], vertices: int, faces: int, unit: str) -> bytes:
+    lines = [
         'ply',
         'format binary_little_endian 1.0',
         f'comment ivfmc_ros, unit {unit}',
-        f'element vertex {len(vertices)}',
+        f'element vertex {vertices}',
         *(f'property float {name}' for name in names),
-        f'element face {len(faces)}',
-        'property list uchar int vertex_indices',
-        'end_header',
     ]
-    stream.write(('\n'.join(header) + '\n').encode())
-    stream.write(table.tobytes())
-    stream.write(faces.tobytes())
+    if faces:
+        lines += [f'element face {faces}', 'property list uchar int vertex_indices']
+    return ('\n'.join([*lines, 'end_header']) + '\n').encode()
 
 
 def _obj(stream: BinaryIO, mesh: Mesh, vertices: Floats, unit: str) -> None:

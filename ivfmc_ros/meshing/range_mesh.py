@@ -18,15 +18,6 @@ from ivfmc_ros.registration.views import closes
 _MIN_FACING = 0.05
 
 
-def spacing(view: View) -> float:
-    """Return the median distance of neighbouring points of a view, metres; NaN if none."""
-    points = view.points_xyz
-    along = np.linalg.norm(np.diff(points, axis=0), axis=2)
-    across = np.linalg.norm(np.diff(points, axis=1), axis=2)
-    medians = [float(np.median(d[np.isfinite(d)])) for d in (along, across) if d.size]
-    return max((m for m in medians if np.isfinite(m)), default=float('nan'))
-
-
 def range_mesh(cell: Cell, view: View, max_edge: float, chosen: Bools | None = None) -> Mesh:
     """
     Triangulate one view on its own grid (Ismail et al. 2007).

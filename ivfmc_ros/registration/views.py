@@ -72,6 +72,15 @@ def closes(view: View) -> bool:
     return bool(abs(gap) <= 1.5 * np.median(steps))
 
 
+def spacing(view: View) -> float:
+    """Return the median distance of neighbouring points of a view, metres; NaN if none."""
+    points = view.points_xyz
+    along = np.linalg.norm(np.diff(points, axis=0), axis=2)
+    across = np.linalg.norm(np.diff(points, axis=1), axis=2)
+    medians = [float(np.median(d[np.isfinite(d)])) for d in (along, across) if d.size]
+    return max((m for m in medians if np.isfinite(m)), default=float('nan'))
+
+
 def without(view: View, removed: Bools) -> View:
     """Return the view with the points of a (rows, columns) mask made NaN."""
     gone = removed[..., None]

@@ -34,7 +34,7 @@ class ExtractSettings:
     """
     How the stripe is found.
 
-    channel : auto (by what saturates in the picture), blend, mono, blue, green or red
+    channel : auto (what does not saturate in the picture), or colours such as blue+red
     min_contrast : least height of the stripe above its background, share of full scale
     window : half the window of the centre of mass, in sigmas of the stripe
     max_sigma : a stripe wider than this (sigma, pixels) is no stripe
@@ -105,7 +105,7 @@ def extract(
     mask : (h, w) bool, where the stripe can be; None for everywhere
     """
     settings = settings or ExtractSettings()
-    grey = channel.to_grey(image, _weights(image, settings))
+    grey = channel.to_grey(image, settings.channel)
     scale = 255.0 / np.iinfo(grey.dtype).max
     if stripe == 'columns':
         grey = cast(Image, cv2.transpose(grey))
@@ -113,12 +113,6 @@ def extract(
     rows, peaks = _find_peaks(grey, settings, mask)
     found = _measure(_Patches.cut(grey, rows, peaks, settings, scale), rows, settings)
     return _swapped(found) if stripe == 'columns' else found
-
-
-def _weights(image: Image, settings: ExtractSettings) -> Floats:
-    if settings.channel == 'auto':
-        return channel.measuring_weights([image])
-    return channel.weights_of(settings.channel)
 
 
 def _swapped(stripe: Stripe) -> Stripe:

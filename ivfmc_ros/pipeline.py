@@ -1,0 +1,166 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The whole job on one scan, without ROS: pictures in, a mesh out.
+
+Reads like the table of stages: acquisition, noise, views, registration, meshing.
+"""
+
+from collections.abc import Iterable
+from collections.abc import Iterator
+from collections.abc import Sequence
+from dataclasses import dataclass
+from dataclasses import field
+from itertools import islice
+
+import numpy as np
+
+from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.errors import NoStripeError
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.meshing.join import join_views
+from ivfmc_ros.model import Frame
+from ivfmc_ros.model import Mesh
+from ivfmc_ros.model import Poses
+from ivfmc_ros.model import Profile
+from ivfmc_ros.model import View
+from ivfmc_ros.progress import Progress
+from ivfmc_ros.progress import silent
+from ivfmc_ros.registration import views as sweeps
+from ivfmc_ros.registration.align import align
+from ivfmc_ros.registration.align import METHODS
+from ivfmc_ros.registration.align import Verdict
+from ivfmc_ros.stopwatch import Stopwatch
+from ivfmc_ros.stripe.acquisition import Acquisition
+from ivfmc_ros.stripe.acquisition import AcquisitionSettings
+
+# From so many pictures it is decided which colours measure the stripe.
+_SAMPLED_PICTURES = 16
+# So many pictures are kept to show what was found.
+_SHOWN_PICTURES = 12
+# Points of one surface are at most this many point spacings apart.
+_REACH = 5.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """
+    How a scan is reconstructed. Lengths are metres.
+
+    island_least : a piece of surface of fewer points is a flying one
+    registration : table, paper or point_to_plane
+    max_edge : the paper's threshold on a triangle's edges; None for 5 point spacings
+    """
+
+    acquisition: AcquisitionSettings = field(default_factory=AcquisitionSettings)
+    island_least: int = 100
+    registration: str = 'point_to_plane'
+    max_edge: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.registration not in METHODS:
+            known = ', '.join(METHODS)
+            raise ParameterError(f'registration: {self.registration!r} is not one of {known}')
+        if self.max_edge is not None and not 0.0 < self.max_edge <= 1.0:
+            raise ParameterError(
+                f'max_edge: {self.max_edge} m is out of range; it must be 0 to 1 m'
+            )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Reconstruction:
+    """
+    What came out of a scan.
+
+    samples : about a dozen pictures with the points found in them, to look at
+    acquisition, max_edge : as used, with what was left to be decided by the data
+    counts : how much of what each stage saw, kept and dropped
+    seconds : of each stage
+    """
+
+    samples: list[tuple[Frame, Profile]]
+    views: list[View]
+    poses: Poses
+    verdicts: list[Verdict]
+    mesh: Mesh
+    acquisition: AcquisitionSettings
+    max_edge: float
+    counts: dict[str, int]
+    seconds: dict[str, float]
+
+
+def reconstruct(
+    cell: Cell,
+    frames: Iterable[Frame],
+    settings: Settings | None = None,
+    total: int = 0,
+    progress: Progress = silent,
+) -> Reconstruction:
+    """
+    Turn the pictures of a scan into a mesh.
+
+    frames : consumed once, one picture at a time
+    total : how many frames there are, for ``progress``
+    :raises NoStripeError: no picture shows the stripe in the working volume
+    :raises CellError: a picture has another size than the calibration
+    :raises GeometryError: the points make no surface
+    """
+    settings = settings or Settings()
+    watch = Stopwatch()
+    acquisition = Acquisition(cell, settings.acquisition)
+    samples: list[tuple[Frame, Profile]] = []
+    profiles = []
+    for frame in _sampled_first(acquisition, watch.each('read', frames)):
+        with watch.stage('acquisition'):
+            profiles.append(acquisition.profile(frame))
+        if frame.seq % max(1, total // _SHOWN_PICTURES) == 0:
+            samples.append((frame, profiles[-1]))
+        progress('profiles', len(profiles), max(total, len(profiles)))
+    _require_stripe(profiles)
+    counts = acquisition.counts.as_dict()
+    with watch.stage('views'):
+        progress('views', 0, 1)
+        views = [_without_islands(v, settings) for v in sweeps.assemble(cell, profiles)]
+        kept = sum(int(np.count_nonzero(view.valid)) for view in views)
+        counts.update(islands=sum(len(p) for p in profiles) - kept, kept_points=kept)
+    with watch.stage('registration'):
+        progress('registration', 0, 1)
+        poses, verdicts = align(views, settings.registration)
+    with watch.stage('meshing'):
+        progress('meshing', 0, 1)
+        max_edge = settings.max_edge or _REACH * max(sweeps.spacing(view) for view in views)
+        mesh = join_views(cell, views, poses, max_edge)
+    counts.update(views=len(views), vertices=len(mesh.vertices_xyz), faces=len(mesh.faces))
+    progress('done', 1, 1)
+    return Reconstruction(
+        samples=samples[:_SHOWN_PICTURES],
+        views=views,
+        poses=poses,
+        verdicts=verdicts,
+        mesh=mesh,
+        acquisition=acquisition.settings,
+        max_edge=max_edge,
+        counts=counts,
+        seconds=watch.seconds,
+    )
+
+
+def _sampled_first(acquisition: Acquisition, frames: Iterator[Frame]) -> Iterator[Frame]:
+    """Let the first pictures decide which colours measure the stripe, then pass all on."""
+    first = list(islice(frames, _SAMPLED_PICTURES))
+    acquisition.choose_channel(first)
+    yield from first
+    yield from frames
+
+
+def _require_stripe(profiles: Sequence[Profile]) -> None:
+    if not any(len(profile) for profile in profiles):
+        raise NoStripeError(
+            f'the stripe is seen in none of the {len(profiles)} pictures; check the laser, the '
+            'working volume (radius, bottom, top) and min_contrast'
+        )
+
+
+def _without_islands(view: View, settings: Settings) -> View:
+    reach = _REACH * sweeps.spacing(view)
+    return sweeps.without(view, sweeps.islands(view, reach, settings.island_least))

@@ -1,0 +1,107 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One picture in, one profile out."""
+
+from collections.abc import Iterable
+from dataclasses import asdict
+from dataclasses import dataclass
+from dataclasses import field
+from dataclasses import replace
+
+import numpy as np
+
+from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.cell.volume import Volume
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.model import Frame
+from ivfmc_ros.model import Image
+from ivfmc_ros.model import Profile
+from ivfmc_ros.stripe import channel
+from ivfmc_ros.stripe import denoise
+from ivfmc_ros.stripe.extract import extract
+from ivfmc_ros.stripe.extract import ExtractSettings
+from ivfmc_ros.stripe.region import stripe_mask
+from ivfmc_ros.stripe.triangulate import triangulate
+
+
+@dataclass(frozen=True, kw_only=True)
+class AcquisitionSettings:
+    """
+    How profiles are made. Lengths are metres.
+
+    volume : what lies outside of it is not the part
+    noise_distance : the paper's threshold between neighbours on a stripe
+    noise_least : a piece of the stripe of fewer points is noise
+    """
+
+    extract: ExtractSettings = field(default_factory=ExtractSettings)
+    volume: Volume = field(default_factory=Volume)
+    noise_distance: float = 2e-3
+    noise_least: int = 4
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.noise_distance <= 1.0:
+            raise ParameterError(
+                f'noise_distance: {self.noise_distance} m is out of range; it must be 0 to 1 m'
+            )
+        if not 1 <= self.noise_least <= 1000:
+            raise ParameterError(
+                f'noise_least: {self.noise_least} is out of range; it must be 1 to 1000 points'
+            )
+
+
+@dataclass(kw_only=True)
+class AcquisitionCounts:
+    """What became of the stripe points of a scan so far."""
+
+    pictures: int = 0
+    pictures_without_stripe: int = 0
+    stripe_points: int = 0
+    outside_volume: int = 0
+    noise: int = 0
+
+    def as_dict(self) -> dict[str, int]:
+        """Return the counts by name."""
+        return asdict(self)
+
+
+class Acquisition:
+    """
+    Makes the profiles of a scan.
+
+    :raises CellError: (of ``profile``) a picture has another size than the calibration
+    """
+
+    def __init__(self, cell: Cell, settings: AcquisitionSettings) -> None:
+        self._cell = cell
+        self._masks = [stripe_mask(cell, k, settings.volume) for k in range(len(cell.lasers))]
+        self.settings = settings
+        self.counts = AcquisitionCounts()
+
+    def choose_channel(self, frames: Iterable[Frame]) -> None:
+        """Decide by some pictures which colours measure the stripe, unless the settings say."""
+        if self.settings.extract.channel == 'auto':
+            chosen = channel.unclipped_channel(self._masked(frame) for frame in frames)
+            settings = replace(self.settings.extract, channel=chosen)
+            self.settings = replace(self.settings, extract=settings)
+
+    def profile(self, frame: Frame) -> Profile:
+        """Extract, triangulate and denoise the stripe of a picture."""
+        self._cell.camera.require_image(frame.image.shape, f'picture {frame.seq}')
+        settings = self.settings
+        direction = self._cell.lasers[frame.laser].stripe
+        stripe = extract(frame.image, direction, settings.extract, self._masks[frame.laser])
+        whole = triangulate(self._cell, frame, stripe)
+        inside = denoise.keep(whole, settings.volume.contains(whole.points_xyz))
+        clean = denoise.near_neighbours(inside, settings.noise_distance, settings.noise_least)
+        self.counts.pictures += 1
+        self.counts.pictures_without_stripe += not clean.any()
+        self.counts.stripe_points += len(stripe)
+        self.counts.outside_volume += len(stripe) - len(inside)
+        self.counts.noise += int(np.count_nonzero(~clean))
+        return denoise.keep(inside, clean)
+
+    def _masked(self, frame: Frame) -> Image:
+        self._cell.camera.require_image(frame.image.shape, f'picture {frame.seq}')
+        mask = self._masks[frame.laser]
+        return frame.image * (mask if frame.image.ndim == 2 else mask[..., None])
