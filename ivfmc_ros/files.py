@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 import os
 from pathlib import Path
+import shutil
 import tempfile
 
 from ivfmc_ros.errors import FileError
@@ -32,14 +33,49 @@ def whole_file(path: Path) -> Iterator[Path]:
     try:
         yield temporary
         # mkstemp gives 0600; a result must be as readable as any other new file
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
+        temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)
     except OSError as error:
         raise FileError(f'{path}: cannot be written: {error.strerror}') from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def require_new_folder(path: Path) -> None:
+    """:raises FileError: ``path`` exists and is not an empty folder."""
+    if path.exists() and not (path.is_dir() and not any(path.iterdir())):
+        raise FileError(f'{path}: exists already and is not overwritten; name another folder')
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """
+    Give a temporary folder beside ``path`` to fill; it becomes ``path`` when the block ends.
+
+    If the block raises, nothing is left. An empty folder at ``path`` is replaced.
+
+    :raises FileError: ``path`` exists and is not an empty folder, or cannot be written
+    """
+    require_new_folder(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=f'.{path.name}-', dir=path.parent))
+    except OSError as error:
+        raise FileError(f'{path}: cannot be written: {error.strerror}') from error
+    try:
+        yield temporary
+        temporary.chmod(0o777 & ~_umask())
+        temporary.replace(path)
+    except OSError as error:
+        raise FileError(f'{path}: cannot be written: {error.strerror}') from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _umask() -> int:
+    umask = os.umask(0)
+    os.umask(umask)
+    return umask
 
 
 def write_text(path: Path, text: str) -> None:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -18,6 +19,7 @@ import numpy as np
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import NoStripeError
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.meshing.export import UNITS
 from ivfmc_ros.meshing.join import join_views
 from ivfmc_ros.model import Frame
 from ivfmc_ros.model import Mesh
@@ -50,12 +52,14 @@ class Settings:
     island_least : a piece of surface of fewer points is a flying one
     registration : table, paper or point_to_plane
     max_edge : the paper's threshold on a triangle's edges; None for 5 point spacings
+    export_unit : of the mesh and cloud files: m, mm or inch
     """
 
     acquisition: AcquisitionSettings = field(default_factory=AcquisitionSettings)
     island_least: int = 100
     registration: str = 'point_to_plane'
     max_edge: float | None = None
+    export_unit: str = 'mm'
 
     def __post_init__(self) -> None:
         if self.registration not in METHODS:
@@ -65,6 +69,9 @@ class Settings:
             raise ParameterError(
                 f'max_edge: {self.max_edge} m is out of range; it must be 0 to 1 m'
             )
+        if self.export_unit not in UNITS:
+            known = ', '.join(UNITS)
+            raise ParameterError(f'export_unit: {self.export_unit!r} is not one of {known}')
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -73,7 +80,7 @@ class Reconstruction:
     What came out of a scan.
 
     samples : about a dozen pictures with the points found in them, to look at
-    acquisition, max_edge : as used, with what was left to be decided by the data
+    settings : as used, with what was left to the data decided
     counts : how much of what each stage saw, kept and dropped
     seconds : of each stage
     """
@@ -83,8 +90,7 @@ class Reconstruction:
     poses: Poses
     verdicts: list[Verdict]
     mesh: Mesh
-    acquisition: AcquisitionSettings
-    max_edge: float
+    settings: Settings
     counts: dict[str, int]
     seconds: dict[str, float]
 
@@ -138,8 +144,7 @@ def reconstruct(
         poses=poses,
         verdicts=verdicts,
         mesh=mesh,
-        acquisition=acquisition.settings,
-        max_edge=max_edge,
+        settings=replace(settings, acquisition=acquisition.settings, max_edge=max_edge),
         counts=counts,
         seconds=watch.seconds,
     )

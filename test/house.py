@@ -23,6 +23,7 @@ ROWS = (
     'simulation',
     'scan',
     'pipeline',
+    'results',
     'nodes',
     'cli',
 )
@@ -48,12 +49,12 @@ def row_of(module: str) -> str:
     """
     Row of the house that ``module`` is in.
 
-    A file of its own at the top (model, errors, helpers) is 'base', except for the pipeline.
+    A file of its own at the top (model, errors, helpers) is 'base', except for pipeline and results.
     """
     _, _, inside = module.partition('.')
     first = inside.split('.')[0]
     folder = ROOT / PACKAGE / first
-    return first if first == 'pipeline' or (first and folder.is_dir()) else 'base'
+    return first if first in ('pipeline', 'results') or (first and folder.is_dir()) else 'base'
 
 
 def imported_modules(tree: ast.Module, module: str, *, is_package: bool) -> Iterator[str]:

@@ -1,0 +1,111 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``ivfmc import-images``: a folder of pictures, one a step of the table, to a bag."""
+
+from collections.abc import Sequence
+import math
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.progress import Progress
+
+from ivfmc_ros.angles import load_angles
+from ivfmc_ros.cell.camera_file import load_camera
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.pictures import list_pictures
+from ivfmc_ros.storage.picture_import import import_steps
+from ivfmc_ros.storage.picture_import import Step
+from ivfmc_ros.storage.picture_import import steps_by_angles
+from ivfmc_ros.storage.picture_import import steps_by_number
+
+_PATH = click.Path(path_type=Path)
+
+# so many missing steps are listed
+_LISTED = 5
+
+
+@click.command('import-images')
+@click.argument('folder', metavar='DIR', type=_PATH)
+@click.option('--camera', required=True, type=_PATH, help='camera.yaml of the camera.')
+@click.option('--step', type=float, help='Degrees the table turns from one number to the next.')
+@click.option('--angles', type=_PATH, help='angles.yaml that calibrate turntable measured.')
+@click.option(
+    '-o', '--output', type=_PATH, help='Bag folder to write (default: <name of DIR>_bag here).'
+)
+@click.option(
+    '--direction',
+    type=click.Choice(['ccw', 'cw']),
+    help='Sense of --step, seen from above the table (default: ccw).',
+)
+@click.option('--laser', metavar='NAME', help='Laser of cell.yaml that was on, if it has several.')
+@click.option('--rate', default=10.0, show_default=True, help='Pictures a second in the bag.')
+@click.option(
+    '--joint', default='turntable_joint', show_default=True, help='Name of the table in the bag.'
+)
+def import_images(
+    folder: Path,
+    camera: Path,
+    step: float | None,
+    angles: Path | None,
+    output: Path | None,
+    direction: str | None,
+    laser: str | None,
+    rate: float,
+    joint: str,
+) -> None:
+    """
+    Make a bag of the pictures in DIR.
+
+    The last number in a picture's name is its step, and --step says how far the table turns from
+    one number to the next; or --angles says at which angle each picture was taken.
+    """
+    target = output or Path(f'{folder.resolve().name}_bag')
+    pictures = list_pictures(folder)
+    if angles is not None:
+        _refuse_both(step, direction)
+        steps = steps_by_angles(pictures, load_angles(angles), angles)
+        gaps: list[int] = []
+    else:
+        steps, gaps = steps_by_number(pictures, _signed(step, direction))
+    model = load_camera(camera)
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task('import', total=len(steps))
+        import_steps(
+            steps,
+            model,
+            target,
+            rate=rate,
+            joint=joint,
+            laser=laser,
+            progress=lambda _, done, total: bar.update(task, completed=done, total=total),
+        )
+    click.echo(f'{target}: {_summary(steps)}{_missing(gaps)}')
+
+
+def _refuse_both(step: float | None, direction: str | None) -> None:
+    if step is not None:
+        raise ParameterError('--step and --angles both say how the table turned; give one')
+    if direction is not None:
+        raise ParameterError('--direction belongs to --step; --angles are signed')
+
+
+def _signed(step: float | None, direction: str | None) -> float:
+    """Return the step in radians, positive counter-clockwise."""
+    if step is None:
+        raise ParameterError('--step DEGREES or --angles FILE must say how the table turned')
+    if not (math.isfinite(step) and step > 0):
+        raise ParameterError(f'--step: must be a positive number of degrees, is {step}')
+    return math.radians(-step if direction == 'cw' else step)
+
+
+def _summary(steps: Sequence[Step]) -> str:
+    angles = [math.degrees(step.angle) for step in steps]
+    return f'{len(steps)} pictures from {min(angles):.3f} to {max(angles):.3f} degrees'
+
+
+def _missing(gaps: Sequence[int]) -> str:
+    if not gaps:
+        return ''
+    listed = ', '.join(map(str, gaps[:_LISTED])) + (', ...' if len(gaps) > _LISTED else '')
+    return f'; {len(gaps)} steps have no picture ({listed})'

@@ -1,0 +1,75 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Options that say how a scan is reconstructed, in the units that people measure in."""
+
+from collections.abc import Callable
+from typing import Any
+from typing import TypeVar
+
+import click
+
+from ivfmc_ros.cell.volume import Volume
+from ivfmc_ros.meshing.export import UNITS
+from ivfmc_ros.pipeline import Settings
+from ivfmc_ros.registration.align import METHODS
+from ivfmc_ros.stripe.acquisition import AcquisitionSettings
+from ivfmc_ros.stripe.extract import ExtractSettings
+
+Command = TypeVar('Command', bound=Callable[..., Any])
+
+_MM = 1e-3
+
+_OPTIONS = (
+    click.option('--radius', type=float, default=60.0, show_default=True, metavar='MM',
+                 help='Radius of the working volume about the table axis.'),
+    click.option('--bottom', type=float, default=0.0, show_default=True, metavar='MM',
+                 help='Height above the platter where the working volume begins.'),
+    click.option('--top', type=float, default=100.0, show_default=True, metavar='MM',
+                 help='Height above the platter where the working volume ends.'),
+    click.option('--channel', default='auto', show_default=True,
+                 help='Colours that measure the stripe, such as red or blue+red; auto takes '
+                      'those that do not saturate.'),
+    click.option('--min-contrast', type=float, default=0.06, show_default=True,
+                 help='Least height of the stripe above its background, share of full scale.'),
+    click.option('--noise-distance', type=float, default=2.0, show_default=True, metavar='MM',
+                 help='Neighbours on the stripe farther apart than this are not one surface.'),
+    click.option('--island', type=int, default=100, show_default=True, metavar='POINTS',
+                 help='A piece of surface with fewer points is noise.'),
+    click.option('--registration', type=click.Choice(METHODS), default='point_to_plane',
+                 show_default=True, help='How views are brought together.'),
+    click.option('--max-edge', type=float, metavar='MM',
+                 help='Longest edge of a triangle.  [default: 5 point spacings]'),
+    click.option('--unit', type=click.Choice(list(UNITS)), default='mm', show_default=True,
+                 help='Unit of the mesh files.'),
+)  # fmt: skip
+
+
+def reconstruction_options(command: Command) -> Command:
+    """Add the options to a command; ``settings_of`` turns their values into settings."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+def settings_of(options: dict[str, Any]) -> Settings:
+    """
+    Return the settings that the options ask for.
+
+    :raises ParameterError: a value is out of range
+    """
+    volume = Volume(
+        radius=options['radius'] * _MM,
+        bottom=options['bottom'] * _MM,
+        top=options['top'] * _MM,
+    )
+    extract = ExtractSettings(channel=options['channel'], min_contrast=options['min_contrast'])
+    max_edge = options['max_edge']
+    return Settings(
+        acquisition=AcquisitionSettings(
+            extract=extract, volume=volume, noise_distance=options['noise_distance'] * _MM
+        ),
+        island_least=options['island'],
+        registration=options['registration'],
+        max_edge=None if max_edge is None else max_edge * _MM,
+        export_unit=options['unit'],
+    )

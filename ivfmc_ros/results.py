@@ -1,0 +1,82 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The folder that a reconstruction leaves: mesh, cloud, pictures and report."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ivfmc_ros import files
+from ivfmc_ros.cell import transforms
+from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.inspection import deviation
+from ivfmc_ros.inspection import overview
+from ivfmc_ros.inspection import report
+from ivfmc_ros.meshing import export
+from ivfmc_ros.model import Floats
+from ivfmc_ros.pipeline import Reconstruction
+from ivfmc_ros.stopwatch import Stopwatch
+from ivfmc_ros.surface import Surface
+
+
+def write_results(
+    folder: Path,
+    cell: Cell,
+    made: Reconstruction,
+    source: str,
+    nominal: Surface | None = None,
+) -> Mapping[str, Any]:
+    """
+    Write a result folder, whole or not at all, and return its report.
+
+    source : what was reconstructed, for the report
+    nominal : the true surface in ``turntable``, where it is known, to compare with
+    :raises FileError: the folder has files already, or cannot be written
+    """
+    points, sigma = cloud(made)
+    watch = Stopwatch()
+    with files.whole_folder(folder) as target:
+        with watch.stage('files'):
+            _write_meshes(target, made, points, sigma)
+        with watch.stage('pictures'):
+            overview.write_mesh_sheet(target / 'mesh.png', made.mesh)
+            overview.write_cloud_sheet(target / 'cloud.png', points, points[:, 2])
+            overview.write_stripe_sheet(target / 'stripes.png', made.samples)
+        document: dict[str, Any] = {
+            'source': source,
+            'unit': {'files': made.settings.export_unit, 'report': 'm'},
+            'scale': report.scale(cell),
+            'parameters': asdict(made.settings),
+            'counts': made.counts,
+            'seconds': {**made.seconds, **watch.seconds},
+            'residuals': report.residuals(cell, made.views, made.verdicts),
+        }
+        if nominal is not None:
+            document['deviation_m'] = compare(points, made.mesh.vertices_xyz, nominal)
+        report.write_report(target / 'report.json', document)
+    return document
+
+
+def cloud(made: Reconstruction) -> tuple[Floats, Floats]:
+    """Return the points of all views in ``turntable``, (n, 3) metres, and their (n,) sigma."""
+    posed = zip(made.views, made.poses.turntable_from_view, strict=True)
+    points = np.concatenate([transforms.apply(T, view.cloud()) for view, T in posed])
+    return points, np.concatenate([view.sigma[view.valid] for view in made.views])
+
+
+def compare(points_xyz: Floats, vertices_xyz: Floats, nominal: Surface) -> dict[str, Any]:
+    """Return the deviation of points and of mesh vertices from the true surface, metres."""
+    return {
+        'points': asdict(deviation.summarise(nominal.signed_distance(points_xyz))),
+        'mesh': asdict(deviation.summarise(nominal.signed_distance(vertices_xyz))),
+    }
+
+
+def _write_meshes(target: Path, made: Reconstruction, points: Floats, sigma: Floats) -> None:
+    unit = made.settings.export_unit
+    for suffix in ('stl', 'ply', 'obj'):
+        export.write_mesh(target / f'mesh.{suffix}', made.mesh, unit)
+    export.write_cloud(target / 'cloud.ply', points, sigma, unit)
