@@ -7,11 +7,10 @@ import math
 from pathlib import Path
 
 import click
-from rich.console import Console
-from rich.progress import Progress
 
 from ivfmc_ros.angles import load_angles
 from ivfmc_ros.cell.camera_file import load_camera
+from ivfmc_ros.cli.progress import progress_bars
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.pictures import list_pictures
 from ivfmc_ros.storage.picture_import import import_steps
@@ -69,17 +68,8 @@ def import_images(
     else:
         steps, gaps = steps_by_number(pictures, _signed(step, direction))
     model = load_camera(camera)
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task('import', total=len(steps))
-        import_steps(
-            steps,
-            model,
-            target,
-            rate=rate,
-            joint=joint,
-            laser=laser,
-            progress=lambda _, done, total: bar.update(task, completed=done, total=total),
-        )
+    with progress_bars() as progress:
+        import_steps(steps, model, target, rate=rate, joint=joint, laser=laser, progress=progress)
     click.echo(f'{target}: {_summary(steps)}{_missing(gaps)}')
 
 

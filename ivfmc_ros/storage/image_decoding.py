@@ -1,0 +1,110 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures out of image messages, of every encoding that cameras send."""
+
+from dataclasses import dataclass
+from typing import Any
+from typing import cast
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ivfmc_ros.errors import BagError
+from ivfmc_ros.model import Image
+from ivfmc_ros.pictures import decode_picture
+from ivfmc_ros.pictures import is_jpeg
+from ivfmc_ros.pictures import is_png
+
+
+@dataclass(frozen=True)
+class _Pixels:
+    """How an encoding lays out a pixel, and OpenCV's conversion to mono or BGR."""
+
+    channels: int = 1
+    bits: int = 8
+    conversion: int | None = None
+
+
+# ROS names a Bayer pattern by its first two pixels, OpenCV's older names by the second row's
+_BAYER = {
+    'rggb': cv2.COLOR_BayerBG2BGR,
+    'bggr': cv2.COLOR_BayerRG2BGR,
+    'gbrg': cv2.COLOR_BayerGR2BGR,
+    'grbg': cv2.COLOR_BayerGB2BGR,
+}
+
+_ENCODINGS = {
+    'mono8': _Pixels(),
+    '8UC1': _Pixels(),
+    'mono16': _Pixels(bits=16),
+    '16UC1': _Pixels(bits=16),
+    'bgr8': _Pixels(channels=3),
+    '8UC3': _Pixels(channels=3),
+    'bgr16': _Pixels(channels=3, bits=16),
+    'rgb8': _Pixels(channels=3, conversion=cv2.COLOR_RGB2BGR),
+    'rgb16': _Pixels(channels=3, bits=16, conversion=cv2.COLOR_RGB2BGR),
+    'bgra8': _Pixels(channels=4, conversion=cv2.COLOR_BGRA2BGR),
+    'rgba8': _Pixels(channels=4, conversion=cv2.COLOR_RGBA2BGR),
+    'yuv422': _Pixels(channels=2, conversion=cv2.COLOR_YUV2BGR_UYVY),
+    'uyvy': _Pixels(channels=2, conversion=cv2.COLOR_YUV2BGR_UYVY),
+    'yuv422_yuy2': _Pixels(channels=2, conversion=cv2.COLOR_YUV2BGR_YUY2),
+    'yuyv': _Pixels(channels=2, conversion=cv2.COLOR_YUV2BGR_YUY2),
+    **{f'bayer_{name}8': _Pixels(conversion=code) for name, code in _BAYER.items()},
+    **{f'bayer_{name}16': _Pixels(bits=16, conversion=code) for name, code in _BAYER.items()},
+}
+
+
+def decode_image(message: Any, where: str) -> Image:
+    """
+    Return the picture of a sensor_msgs/Image; the message of an error begins with ``where``.
+
+    returns : (height, width) mono or (height, width, 3) BGR, uint8 or uint16
+    :raises BagError: the encoding is unknown, or the data have another size than they should
+    """
+    pixels = _ENCODINGS.get(message.encoding)
+    if pixels is None:
+        known = ', '.join(_ENCODINGS)
+        raise BagError(f'{where}: encoding {message.encoding!r} is not one of {known}')
+    image = _array(message, pixels, where)
+    if pixels.conversion is None:
+        return cast(Image, image)
+    try:
+        return cast(Image, cv2.cvtColor(np.ascontiguousarray(image), pixels.conversion))
+    except cv2.error as error:
+        size = f'{message.width} x {message.height}'
+        raise BagError(f'{where}: {size} pixels are no {message.encoding} picture') from error
+
+
+def decode_compressed(message: Any, where: str) -> Image:
+    """
+    Return the picture of a sensor_msgs/CompressedImage; errors begin with ``where``.
+
+    returns : (height, width) mono or (height, width, 3) BGR, uint8 or uint16
+    :raises FileError: the picture is cut off or damaged
+    :raises BagError: it is neither JPEG nor PNG
+    """
+    data = bytes(message.data)
+    if data and not (is_jpeg(data) or is_png(data)):
+        raise BagError(f'{where}: format {message.format!r} cannot be read, only JPEG and PNG')
+    return decode_picture(data, where)
+
+
+def _array(message: Any, pixels: _Pixels, where: str) -> NDArray[Any]:
+    """Return the pixels as they are sent, (height, width) or (height, width, channels)."""
+    height, width = int(message.height), int(message.width)
+    size = pixels.bits // 8
+    row = width * pixels.channels * size
+    # some drivers leave the step out
+    step = int(message.step) or row
+    data = np.frombuffer(message.data, dtype=np.uint8)
+    if not height or not width or step < row or data.size != step * height:
+        raise BagError(
+            f'{where}: {data.size} bytes in rows of {step} are no {width} x {height} '
+            f'{message.encoding} picture'
+        )
+    rows = np.ascontiguousarray(data.reshape(height, step)[:, :row])
+    order = '>' if message.is_bigendian else '<'
+    values = rows.view(np.dtype(f'{order}u{size}'))
+    native = values.astype(values.dtype.newbyteorder('='), copy=False)
+    return native if pixels.channels == 1 else native.reshape(height, width, pixels.channels)
