@@ -7,6 +7,7 @@ from collections.abc import Callable
 from collections.abc import Collection
 from collections.abc import Iterator
 from dataclasses import dataclass
+import os
 from pathlib import Path
 import struct
 from typing import Any
@@ -211,8 +212,10 @@ def _require_mcap(file: Path) -> None:
 
 
 def _is_cut_off(file: Path) -> bool:
+    if file.stat().st_size < 2 * len(_MAGIC):
+        return True
     with file.open('rb') as stream:
-        stream.seek(-len(_MAGIC), 2)
+        stream.seek(-len(_MAGIC), os.SEEK_END)
         return stream.read() != _MAGIC
 
 
@@ -223,7 +226,7 @@ def _indexed(file: Path) -> list[Topic] | None:
     with file.open('rb') as stream:
         try:
             summary = make_reader(stream).get_summary()
-        except _DAMAGE:
+        except (*_DAMAGE, OSError):
             return None
     if summary is None or summary.statistics is None:
         return None

@@ -79,7 +79,8 @@ class BagWriter:
             os.umask(umask)
             self._temporary.chmod(0o777 & ~umask)
             self._file = files.enter_context((self._temporary / FILE_NAME).open('wb'))
-            self._mcap = Writer(self._file, compression=self._compression)
+            # the chunks' checksums are the default; this one covers what lies between them
+            self._mcap = Writer(self._file, compression=self._compression, enable_data_crcs=True)
             self._mcap.start(profile='ros2', library='ivfmc_ros')
             self._cleanup = files.pop_all()
         return self

@@ -121,12 +121,22 @@ def decoder(name: str, encoding: str, text: str) -> Callable[[bytes], Any]:
 
 def _parse(name: str, encoding: str, text: str) -> dict[str, Any]:
     if encoding == 'ros2idl':
-        return dict(get_types_from_idl(text))
+        return _parse_idl(text)
     if encoding != 'ros2msg':
         raise ValueError(f'its encoding is {encoding!r}, known are ros2msg and ros2idl')
     if name.endswith(_EVENT_SUFFIX) and '\n---\n' in text:
         text = _event_definition(name, text)
     types = dict(get_types_from_msg(text, name))
+    return {**_builtins(), **types}
+
+
+def _parse_idl(text: str) -> dict[str, Any]:
+    types = {}
+    for part in text.split(f'{_SEPARATOR}\n'):
+        # each file comes under a line with its name
+        body = part.partition('\n')[2] if part.startswith('IDL: ') else part
+        if body.strip():
+            types.update(get_types_from_idl(body))
     return {**_builtins(), **types}
 
 
