@@ -17,6 +17,8 @@ DISTORTION_COEFFICIENTS = {'plumb_bob': 5, 'rational_polynomial': 8}
 
 # OpenCV stops after 5 iterations by default, which leaves 0.01 px at the rim of a strong lens.
 _CONVERGED = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
+# A ray that is not seen within this of its pixel is none.
+_MISSED = 1e-3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -63,12 +65,16 @@ class Camera:
         Return the undistorted ray through each pixel, scaled to unit depth.
 
         uv : (n, 2) pixel (column, row)
-        returns : (n, 3) float64, (x, y, 1) in ``camera_optical_frame``
+        returns : (n, 3) float64, (x, y, 1) in ``camera_optical_frame``; x, y are NaN where the
+            lens model folds back and no ray reaches the pixel
         """
         pixels = np.asarray(uv, dtype=np.float64).reshape(-1, 1, 2)
         rays = np.ones((len(pixels), 3))
         if len(pixels):
             rays[:, :2] = _undistort(pixels, self.K, self.distortion).reshape(-1, 2)
+            # OpenCV's iteration returns where it stopped, converged or not
+            missed = np.abs(self.project(rays) - pixels[:, 0]).max(axis=1)
+            rays[~(missed < _MISSED), :2] = np.nan
         return rays
 
     def project(self, points_xyz: ArrayLike) -> Floats:
