@@ -35,7 +35,8 @@ def load_camera(path: Path) -> Camera:
             K=matrix,
             distortion=distortion.array('data', DISTORTION_COEFFICIENTS[model]),
             model=model,
-            name=fields.text('camera_name') if fields.has('camera_name') else 'camera',
+            # a serial number is a name, though YAML makes a number of it
+            name=str(fields.get('camera_name')) if fields.has('camera_name') else 'camera',
         )
     except CellError as error:
         text = str(error)
