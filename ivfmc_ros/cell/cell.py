@@ -40,6 +40,8 @@ class Turntable:
             raise CellError(
                 'camera_from_base: the 3x3 part is no rotation (not orthonormal, or reflected)'
             )
+        if not np.isfinite(T).all():
+            raise CellError('camera_from_base: 16 finite numbers are needed')
         if T[2, 3] <= 0:
             raise CellError('camera_from_base: the table stands behind the camera')
 

@@ -12,6 +12,8 @@ from ivfmc_ros.model import Floats
 
 # Below this the camera looks along the sheet and a stripe says nothing about depth.
 MIN_CAMERA_DISTANCE = 1e-3
+# Six decimals in a file are enough for a unit vector.
+_UNIT = 1e-6
 
 Stripe = Literal['rows', 'columns']
 
@@ -57,13 +59,20 @@ class LaserPlane:
     volume: Floats | None = None
 
     def __post_init__(self) -> None:
-        if abs(float(np.linalg.norm(self.normal)) - 1.0) > 1e-6:
+        if not abs(float(np.linalg.norm(self.normal)) - 1.0) <= _UNIT:
             raise CellError('plane: the normal (first three numbers) must have length 1')
+        if not np.isfinite(self.offset):
+            raise CellError('plane: the offset (fourth number) must be a finite number')
         if abs(self.offset) < MIN_CAMERA_DISTANCE:
             raise CellError(
                 'plane: the camera centre lies in the laser plane, nothing can be triangulated; '
                 'move the laser aside'
             )
+        if self.bow is not None:
+            along = self.bow.along
+            unit = abs(float(np.linalg.norm(along)) - 1.0) <= _UNIT
+            if not (unit and abs(float(along @ self.normal)) <= _UNIT):
+                raise CellError('bow: along: must be a unit vector in the plane')
 
     def distance(self, points_xyz: Floats) -> Floats:
         """
@@ -88,7 +97,7 @@ class LaserPlane:
         """
         with np.errstate(divide='ignore', invalid='ignore'):
             depth = self._depth(rays)
-            depth = np.where(depth > 0, depth, np.nan)
+            depth = np.where((depth > 0) & np.isfinite(depth), depth, np.nan)
         return rays * depth[:, None]
 
     def _depth(self, rays: Floats) -> Floats:
