@@ -46,6 +46,11 @@ class CellDraft:
     notes: dict[str, Any] = field(default_factory=dict)
     created: str | None = None
 
+    def __post_init__(self) -> None:
+        for key in self.notes:
+            if key not in _NOTES:
+                raise ValueError(f'{key!r} is no note of a cell; known are {", ".join(_NOTES)}')
+
     def with_laser(self, laser: LaserPlane) -> 'CellDraft':
         """Return the draft with ``laser`` in place of the one of its name, or added."""
         names = [known.name for known in self.lasers]
