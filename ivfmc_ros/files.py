@@ -28,7 +28,7 @@ def whole_file(path: Path) -> Iterator[Path]:
         )
         os.close(handle)
     except OSError as error:
-        raise FileError(f'{path}: cannot be written: {error.strerror}') from error
+        raise FileError(f'{path}: cannot be written: {error.strerror or error}') from error
     temporary = Path(name)
     try:
         yield temporary
@@ -36,7 +36,7 @@ def whole_file(path: Path) -> Iterator[Path]:
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)
     except OSError as error:
-        raise FileError(f'{path}: cannot be written: {error.strerror}') from error
+        raise FileError(f'{path}: cannot be written: {error.strerror or error}') from error
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -61,13 +61,13 @@ def whole_folder(path: Path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=f'.{path.name}-', dir=path.parent))
     except OSError as error:
-        raise FileError(f'{path}: cannot be written: {error.strerror}') from error
+        raise FileError(f'{path}: cannot be written: {error.strerror or error}') from error
     try:
         yield temporary
         temporary.chmod(0o777 & ~_umask())
         temporary.replace(path)
     except OSError as error:
-        raise FileError(f'{path}: cannot be written: {error.strerror}') from error
+        raise FileError(f'{path}: cannot be written: {error.strerror or error}') from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
