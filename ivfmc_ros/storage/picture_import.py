@@ -60,7 +60,10 @@ def steps_by_number(pictures: Sequence[Path], step: float) -> tuple[list[Step], 
         numbered[number] = path
     first, last = min(numbered), max(numbered)
     ordered = sorted(numbered)
-    steps = [Step(path=numbered[number], angle=(number - first) * step) for number in ordered]
+    # 0.0 added: clockwise begins at 0, not at -0
+    steps = [
+        Step(path=numbered[number], angle=(number - first) * step + 0.0) for number in ordered
+    ]
     return steps, sorted(set(range(first, last + 1)) - numbered.keys())
 
 

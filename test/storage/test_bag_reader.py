@@ -1,5 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+from pathlib import Path
 import random
 
 from mcap.writer import IndexType
@@ -7,7 +8,9 @@ import pytest
 
 from ivfmc_ros.errors import BagError
 from ivfmc_ros.storage import messages
+from ivfmc_ros.storage.bag_reader import Bag
 from ivfmc_ros.storage.bag_reader import open_bag
+from ivfmc_ros.storage.bag_reader import Topic
 
 JOINT = messages.JOINT_STATE
 
@@ -140,6 +143,23 @@ def test_unknown_encoding_of_all_is_refused_by_name(write_mcap):
     path = write_mcap(('/a', JOINT, [b'x']), encoding='json')
     with pytest.raises(BagError, match=r"encoded as 'json' \(/a\), only cdr can be read"):
         open_bag(path)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'problem'),
+    [
+        ({'encoding': 'json'}, "/odd: is encoded as 'json', only cdr can be read"),
+        ({'definition': '???'}, '/odd: the definition of mine/msg/Odd cannot be understood'),
+        ({'schema_encoding': 'protobuf'}, "its encoding is 'protobuf', known are ros2msg"),
+    ],
+)
+def test_topic_that_cannot_be_decoded_is_named(changes, problem):
+    fields = {'encoding': 'cdr', 'schema_encoding': 'ros2msg', 'definition': 'uint8 x\n'}
+    topic = Topic(name='/odd', msgtype='mine/msg/Odd', count=1, **{**fields, **changes})
+    bag = Bag(path=Path('b.mcap'), files=(), topics={'/odd': topic})
+    with pytest.raises(BagError, match=r'^b\.mcap: /odd: .*') as caught:
+        bag.decoder('/odd')
+    assert problem in str(caught.value)
 
 
 def test_missing_schema_is_named(write_mcap):
