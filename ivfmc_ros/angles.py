@@ -58,7 +58,7 @@ def _read(path: Path) -> dict[str, object]:
     try:
         document = yaml.safe_load(path.read_text(encoding='utf-8'))
     except OSError as error:
-        raise FileError(f'{path}: cannot be read: {error.strerror}') from error
+        raise FileError(f'{path}: cannot be read: {error.strerror or error}') from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise FileError(f'{path}: is not YAML: {error}') from error
     if not isinstance(document, dict):

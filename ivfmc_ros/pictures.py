@@ -41,7 +41,9 @@ def list_pictures(folder: Path) -> list[Path]:
     try:
         entries = list(folder.iterdir())
     except OSError as error:
-        raise FileError(f'{folder}: the folder cannot be read: {error.strerror}') from error
+        raise FileError(
+            f'{folder}: the folder cannot be read: {error.strerror or error}'
+        ) from error
     pictures = [path for path in entries if _is_picture(path)]
     if not pictures:
         raise FileError(f'{folder}: holds no picture; what counts are {", ".join(SUFFIXES)} files')
@@ -58,7 +60,7 @@ def read_bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise FileError(f'{path}: cannot be read: {error.strerror}') from error
+        raise FileError(f'{path}: cannot be read: {error.strerror or error}') from error
 
 
 def read_picture(path: Path) -> Image:

@@ -206,7 +206,7 @@ def _require_mcap(file: Path) -> None:
         with file.open('rb') as stream:
             start = stream.read(len(_MAGIC))
     except OSError as error:
-        raise BagError(f'{file}: cannot be read: {error.strerror}') from error
+        raise BagError(f'{file}: cannot be read: {error.strerror or error}') from error
     if start != _MAGIC:
         raise BagError(f'{file}: is not an MCAP file; name an .mcap file or a bag folder')
 

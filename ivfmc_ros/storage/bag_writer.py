@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from dataclasses import replace
 import os
 from pathlib import Path
-import shutil
-import tempfile
 from types import TracebackType
 from typing import Any
 from typing import IO
@@ -22,6 +20,7 @@ from mcap.writer import Writer
 
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.errors import FileError
+from ivfmc_ros.files import whole_folder
 from ivfmc_ros.model import Image
 from ivfmc_ros.storage import cdr
 from ivfmc_ros.storage import messages
@@ -52,7 +51,7 @@ class BagWriter:
 
     def __init__(self, folder: Path, *, namespace: str = NAMESPACE, compress: bool = True) -> None:
         """
-        Prepare to write ``folder``, which must not exist.
+        Prepare to write ``folder``, which must be new or empty.
 
         compress : zstd per chunk; without it a 1.3 MB picture takes 2 ms instead of up to 12
         """
@@ -68,21 +67,14 @@ class BagWriter:
         self._mcap: Any = None
 
     def __enter__(self) -> Self:
-        """:raises FileError: the folder exists, or its parent cannot be written."""
-        self._refuse_existing()
-        with self._named(), ExitStack() as files:
-            hidden = tempfile.mkdtemp(prefix=f'.{self.folder.name}-', dir=self.folder.parent)
-            files.callback(shutil.rmtree, hidden, ignore_errors=True)
-            self._temporary = Path(hidden)
-            # mkdtemp gives 0700; a bag must be as readable as any other new folder
-            umask = os.umask(0)
-            os.umask(umask)
-            self._temporary.chmod(0o777 & ~umask)
-            self._file = files.enter_context((self._temporary / FILE_NAME).open('wb'))
+        """:raises FileError: the folder exists and is not empty, or cannot be written."""
+        with self._named(), ExitStack() as cleanup:
+            self._temporary = cleanup.enter_context(whole_folder(self.folder))
+            self._file = cleanup.enter_context((self._temporary / FILE_NAME).open('wb'))
             # the chunks' checksums are the default; this one covers what lies between them
             self._mcap = Writer(self._file, compression=self._compression, enable_data_crcs=True)
             self._mcap.start(profile='ros2', library='ivfmc_ros')
-            self._cleanup = files.pop_all()
+            self._cleanup = cleanup.pop_all()
         return self
 
     def __exit__(
@@ -91,9 +83,11 @@ class BagWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        if kind is not None:
+            self._cleanup.__exit__(kind, error, trace)
+            return
         with self._cleanup:
-            if kind is None:
-                self._finish()
+            self._finish()
 
     def image(self, stamp_ns: int, image: Image) -> None:
         """Write a picture, (height, width) mono or (height, width, 3) BGR, on ``image_raw``."""
@@ -192,8 +186,6 @@ class BagWriter:
             self._close()
             document = metadata.dump({'rosbag2_bagfile_information': info})
             (self._temporary / metadata.FILE_NAME).write_text(document, encoding='utf-8')
-            self._refuse_existing()
-            self._temporary.rename(self.folder)
 
     def _close(self) -> None:
         # on the disk before it gets its name: what has a name is whole, also after a power cut
@@ -202,15 +194,11 @@ class BagWriter:
             os.fsync(self._file.fileno())
             self._file.close()
 
-    def _refuse_existing(self) -> None:
-        if self.folder.exists() or self.folder.is_symlink():
-            raise FileError(
-                f'{self.folder}: exists already and nothing is overwritten; name another folder'
-            )
-
     @contextmanager
     def _named(self) -> Iterator[None]:
         try:
             yield
         except OSError as error:
-            raise FileError(f'{self.folder}: cannot be written: {error.strerror}') from error
+            raise FileError(
+                f'{self.folder}: cannot be written: {error.strerror or error}'
+            ) from error

@@ -134,7 +134,7 @@ def _read(path: Path) -> dict[str, Any]:
             f'{path.parent}: has no {FILE_NAME} and is no bag; name an .mcap file or a bag folder'
         ) from None
     except OSError as error:
-        raise BagError(f'{path}: cannot be read: {error.strerror}') from error
+        raise BagError(f'{path}: cannot be read: {error.strerror or error}') from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise BagError(f'{path}: is not YAML: {error}') from error
     info = document.get('rosbag2_bagfile_information') if isinstance(document, dict) else None

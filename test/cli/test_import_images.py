@@ -124,7 +124,7 @@ def test_existing_bag_is_kept(place):
     assert _run(place, '--step', 1).exit_code == 0
     before = (place / 'bag' / 'scan.mcap').read_bytes()
     result = _run(place, '--step', 2)
-    assert 'bag: exists already and nothing is overwritten' in str(result.exception)
+    assert 'bag: exists already and is not overwritten' in str(result.exception)
     assert (place / 'bag' / 'scan.mcap').read_bytes() == before
 
 
