@@ -60,7 +60,7 @@ def stripe_pixels(
     outlines = _cut(vertices[chosen], distance[chosen], reach)
     mask = np.zeros((camera.height, camera.width), dtype=np.uint8)
     pixels = np.rint(camera.project(outlines.reshape(-1, 3))).astype(np.int32)
-    for outline in pixels.reshape(len(outlines), -1, 2):
+    for outline in pixels.reshape(-1, 2 * _BORDER + 1, 2):
         cv2.fillPoly(mask, [outline], 255)
     return np.asarray(cv2.dilate(mask, np.ones((2 * MARGIN + 1,) * 2, np.uint8)), dtype=np.uint8)
 

@@ -32,6 +32,7 @@ from ivfmc_ros.simulation.shade import shade
 from ivfmc_ros.simulation.shade import Stage
 from ivfmc_ros.simulation.solids import Platter
 from ivfmc_ros.simulation.solids import Solid
+from ivfmc_ros.simulation.solids import USUAL_PLATTER
 from ivfmc_ros.simulation.sources import LaserSource
 from ivfmc_ros.simulation.sources import usual_sources
 from ivfmc_ros.simulation.truth import stripe_truth
@@ -64,7 +65,7 @@ class StripeRenderer:
         cell: Cell,
         solid: Solid | None,
         optics: Optics | None = None,
-        platter: Platter | None = None,
+        platter: Platter | None = USUAL_PLATTER,
         sources: Sequence[LaserSource] | None = None,
         seed: int = 0,
         band: bool = True,
@@ -114,6 +115,7 @@ class StripeRenderer:
         return light
 
     def _stage(self, angle: float, laser: int) -> Stage:
+        _require_lasers(self._cell, [laser])
         plane = self._cell.lasers[laser]
         pose = part_from_camera(self._cell.turntable.camera_from_base, angle)
         return Stage(
@@ -196,6 +198,12 @@ def _averaged(stage: Stage, pixels: Pixels, chosen: Ints) -> Floats:
     return np.asarray(shade(stage, fine).light.reshape(-1, _EDGE_RAYS**2).mean(axis=1))
 
 
+def _require_lasers(cell: Cell, lasers: Sequence[int]) -> None:
+    if not all(0 <= laser < len(cell.lasers) for laser in lasers):
+        count = len(cell.lasers)
+        raise ParameterError(f'lasers: {list(lasers)}, but the cell has 0 to {count - 1}')
+
+
 def simulate_scan(
     cell: Cell,
     solid: Solid | None,
@@ -203,7 +211,7 @@ def simulate_scan(
     *,
     lasers: Sequence[int] | None = None,
     optics: Optics | None = None,
-    platter: Platter | None = None,
+    platter: Platter | None = USUAL_PLATTER,
     seed: int = 0,
 ) -> Iterator[Frame]:
     """
@@ -218,8 +226,7 @@ def simulate_scan(
     chosen = range(len(cell.lasers)) if lasers is None else lasers
     if steps < 1:
         raise ParameterError(f'steps: must be 1 or more, not {steps}')
-    if not all(0 <= laser < len(cell.lasers) for laser in chosen):
-        raise ParameterError(f'lasers: {list(chosen)}, but the cell has {len(cell.lasers)}')
+    _require_lasers(cell, chosen)
     renderer = StripeRenderer(cell=cell, solid=solid, optics=optics, platter=platter, seed=seed)
     return (
         renderer.render(2 * np.pi * seq / steps, laser, seq=seq, view=seq // steps)

@@ -40,6 +40,9 @@ class Platter:
             )
 
 
+USUAL_PLATTER = Platter()
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Solid:
     """
