@@ -27,12 +27,14 @@ def write_results(
     cell: Cell,
     made: Reconstruction,
     source: str,
+    skipped: Mapping[str, int],
     nominal: Surface | None = None,
 ) -> Mapping[str, Any]:
     """
     Write a result folder, whole or not at all, and return its report.
 
     source : what was reconstructed, for the report
+    skipped : how many pictures of it were not used, by reason
     nominal : the true surface in ``turntable``, where it is known, to compare with
     :raises FileError: the folder has files already, or cannot be written
     """
@@ -50,7 +52,7 @@ def write_results(
             'unit': {'files': made.settings.export_unit, 'report': 'm'},
             'scale': report.scale(cell),
             'parameters': asdict(made.settings),
-            'counts': made.counts,
+            'counts': {**made.counts, 'skipped': dict(skipped)},
             'seconds': {**made.seconds, **watch.seconds},
             'residuals': report.residuals(cell, made.views, made.verdicts),
         }

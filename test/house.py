@@ -49,7 +49,7 @@ def row_of(module: str) -> str:
     """
     Row of the house that ``module`` is in.
 
-    A file of its own at the top (model, errors, helpers) is 'base', except for pipeline and results.
+    A file of its own at the top (model, errors, helpers) is 'base', but pipeline and results.
     """
     _, _, inside = module.partition('.')
     first = inside.split('.')[0]

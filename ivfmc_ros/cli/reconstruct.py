@@ -56,7 +56,7 @@ def reconstruct(
     cell = draft.complete(scan.camera, str(cell_path))
     with progress_bars() as progress:
         made = run(cell, scan.frames(), settings, scan.frame_count, progress)
-    say(output, write_results(output, cell, made, str(bag)))
+    say(output, write_results(output, cell, made, str(bag), scan.skipped))
 
 
 def say(output: Path, document: Mapping[str, Any]) -> None:
@@ -68,6 +68,8 @@ def say(output: Path, document: Mapping[str, Any]) -> None:
         f'{counts["pictures"]} pictures, {counts["kept_points"]} points in {counts["views"]} '
         f'view(s), mesh of {counts["faces"]} triangles in {seconds:.1f} s'
     )
+    for reason, count in counts['skipped'].items():
+        console.print(f'{count} picture(s) not used: {reason}')
     for name, figures in document.get('deviation_m', {}).items():
         console.print(
             f'{name} to CAD: rms {figures["rms"] * 1e3:.4f} mm, '

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import open3d as o3d
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.errors import GeometryError
@@ -16,11 +15,14 @@ from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
 from ivfmc_ros.registration.icp import icp
 from ivfmc_ros.registration.icp import IcpResult
+from ivfmc_ros.registration.views import grid_normals
 
 METHODS = ('table', 'paper', 'point_to_plane')
 
 # A view that shares less than this with those before it is not moved.
 _MIN_OVERLAP = 0.2
+# The fit must gain this much, or a round part would spin in search of a better sampling.
+_MIN_GAIN = 0.95
 _MAX_POINTS = 60_000
 
 
@@ -31,7 +33,7 @@ class Verdict:
 
     applied : the view was moved; otherwise it stays where the table put it, and why says so
     overlap : share of the view's points with a partner in the views before it
-    rms_before, rms_after : metres, of the partners' distances
+    rms_before, rms_after : metres, of the partners' distances along the surface's normal
     rotation, translation : radians and metres of what ICP found
     """
 
@@ -61,16 +63,26 @@ def align(
         raise ParameterError(f'registration: {method!r} is not one of {", ".join(METHODS)}')
     poses = [np.eye(4) for _ in views]
     verdicts = [Verdict(view=view.number, applied=False, why='reference') for view in views[:1]]
-    known = [_thinned(view.cloud()) for view in views[:1]]
+    known = [_oriented(view) for view in views[:1]]
     for index, view in enumerate(views[1:], start=1):
-        cloud = _thinned(view.cloud())
+        cloud = _oriented(view)
         if method == 'table':
             verdict = Verdict(view=view.number, applied=False, why='table believed, not checked')
         else:
             verdict, poses[index] = _place(view, cloud, np.concatenate(known), method, reach)
         verdicts.append(verdict)
-        known.append(transforms.apply(poses[index], cloud))
+        known.append(_turned(cloud, poses[index]))
     return Poses(turntable_from_view=np.array(poses).reshape(-1, 4, 4)), verdicts
+
+
+def _oriented(view: View) -> Floats:
+    """Return (n, 6) points and normals, thinned evenly over the surface."""
+    cloud = np.concatenate([view.points_xyz, grid_normals(view)], axis=2).reshape(-1, 6)
+    return _thinned(cloud[np.isfinite(cloud).all(axis=1)])
+
+
+def _turned(cloud: Floats, T: Floats) -> Floats:
+    return np.hstack([transforms.apply(T, cloud[:, :3]), cloud[:, 3:] @ T[:3, :3].T])
 
 
 def _place(
@@ -78,8 +90,9 @@ def _place(
 ) -> tuple[Verdict, Floats]:
     try:
         found = icp(
-            cloud,
-            known,
+            cloud[:, :3],
+            known[:, :3],
+            known[:, 3:],
             np.eye(4),
             reach=reach,
             method='paper' if method == 'paper' else 'point_to_plane',
@@ -108,7 +121,7 @@ def _objection(found: IcpResult, reach: float) -> str:
         return f'table believed: only {found.overlap:.0%} overlap'
     if not found.converged:
         return 'table believed: ICP did not converge'
-    if found.rms_after >= 0.98 * found.rms_before:
+    if found.rms_after > _MIN_GAIN * found.rms_before:
         return 'table believed: ICP fits no better'
     if np.linalg.norm(found.target_from_source[:3, 3]) > 2.0 * reach:
         return 'table believed: the correction is larger than the table could err'
@@ -116,13 +129,12 @@ def _objection(found: IcpResult, reach: float) -> str:
 
 
 def _thinned(cloud: Floats) -> Floats:
-    """Return at most about _MAX_POINTS of the points, evenly over the surface."""
+    """Return at most about _MAX_POINTS rows of (n, 6), evenly over the surface."""
     if len(cloud) <= _MAX_POINTS:
         return cloud
-    size = float(np.linalg.norm(np.ptp(cloud, axis=0)))
+    size = float(np.linalg.norm(np.ptp(cloud[:, :3], axis=0)))
     # a surface of this size fills (size / edge)^2 voxels; points stay measured ones, not means
     edge = size / np.sqrt(_MAX_POINTS)
-    points = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud))
-    low, high = points.get_min_bound() - edge, points.get_max_bound() + edge
-    _, _, members = points.voxel_down_sample_and_trace(edge, low, high)
-    return np.asarray(cloud[[group[0] for group in members]])
+    voxels = np.floor(cloud[:, :3] / edge).astype(np.int64)
+    _, first = np.unique(voxels, axis=0, return_index=True)
+    return np.asarray(cloud[np.sort(first)])

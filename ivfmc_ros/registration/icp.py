@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 import open3d as o3d
 
+from ivfmc_ros.cell import transforms
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Floats
@@ -16,6 +17,7 @@ Method = Literal['paper', 'point_to_plane']
 
 _MIN_POINTS = 30
 _MIN_PAIRS = 30
+_BLOCK = 10
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -26,7 +28,9 @@ class IcpResult:
     target_from_source : (4, 4) rigid
     pairs : how many source points have a target point within reach
     overlap : their share of the source
-    rms_before, rms_after : metres, of the paired distances under the first guess and the result
+    rms_before, rms_after : metres, of the pairs' distances along the surface's normal under the
+        first guess and the result, without the worst tenth: the distance along the surface only
+        tells where either scan happens to have its points
     converged : the error stopped to change before the iterations were used up
     """
 
@@ -41,6 +45,7 @@ class IcpResult:
 def icp(
     source_xyz: Floats,
     target_xyz: Floats,
+    target_normals: Floats,
     guess: Floats,
     *,
     reach: float,
@@ -55,6 +60,7 @@ def icp(
     normal counts, so that surfaces may slide along themselves; it converges in fewer steps.
 
     source_xyz, target_xyz : (n, 3) finite, metres
+    target_normals : (n, 3) finite, unit, of either sense
     guess : (4, 4) target_from_source to start with
     reach : metres, points farther apart are no pair
     :raises GeometryError: too few points, or too few of them within reach of each other
@@ -72,49 +78,58 @@ def icp(
         if method == 'paper'
         else pipeline.TransformationEstimationPointToPlane()
     )
-    if method != 'paper':
-        target.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(20))
+    target.normals = o3d.utility.Vector3dVector(target_normals)
     before = pipeline.evaluate_registration(source, target, reach, guess)
     if len(before.correspondence_set) < _MIN_PAIRS:
         raise GeometryError(
             f'ICP: only {len(before.correspondence_set)} points lie within {reach * 1e3:.2f} mm '
             'of the other view; the views do not overlap'
         )
-    return _run(source, target, guess, reach, estimation, iterations, before.inlier_rmse)
+    found, converged = _iterate(source, target, guess, reach, estimation, iterations)
+    pairs = len(found.correspondence_set)
+    return IcpResult(
+        target_from_source=np.array(found.transformation),
+        pairs=pairs,
+        overlap=pairs / len(source.points),
+        rms_before=_rms_along_normal(source, target, before),
+        rms_after=_rms_along_normal(source, target, found),
+        converged=converged,
+    )
 
 
-def _run(
+def _iterate(
     source: o3d.geometry.PointCloud,
     target: o3d.geometry.PointCloud,
     guess: Floats,
     reach: float,
     estimation: o3d.pipelines.registration.TransformationEstimation,
     iterations: int,
-    rms_before: float,
-) -> IcpResult:
+) -> tuple[o3d.pipelines.registration.RegistrationResult, bool]:
+    """Run ICP in blocks, because open3d does not tell whether it stopped for convergence."""
     pipeline = o3d.pipelines.registration
     T = np.asarray(guess, dtype=np.float64)
-    converged = False
-    previous = rms_before
-    # in blocks, because open3d does not tell whether it stopped for convergence
-    block = 10
-    for _ in range(max(1, iterations // block)):
-        criteria = pipeline.ICPConvergenceCriteria(1e-9, 1e-9, block)
+    previous = float('inf')
+    for _ in range(max(1, iterations // _BLOCK)):
+        criteria = pipeline.ICPConvergenceCriteria(1e-9, 1e-9, _BLOCK)
         found = pipeline.registration_icp(source, target, reach, T, estimation, criteria)
         T = np.array(found.transformation)
-        converged = abs(found.inlier_rmse - previous) <= 1e-6 * max(previous, 1e-9)
+        if abs(found.inlier_rmse - previous) <= 1e-5 * previous:
+            return found, True
         previous = found.inlier_rmse
-        if converged:
-            break
-    pairs = len(found.correspondence_set)
-    return IcpResult(
-        target_from_source=T,
-        pairs=pairs,
-        overlap=pairs / len(source.points),
-        rms_before=float(rms_before),
-        rms_after=float(previous),
-        converged=converged,
-    )
+    return found, False
+
+
+def _rms_along_normal(
+    source: o3d.geometry.PointCloud,
+    target: o3d.geometry.PointCloud,
+    result: o3d.pipelines.registration.RegistrationResult,
+) -> float:
+    pairs = np.asarray(result.correspondence_set)
+    moved = transforms.apply(np.asarray(result.transformation), np.asarray(source.points))
+    offset = moved[pairs[:, 0]] - np.asarray(target.points)[pairs[:, 1]]
+    along = np.abs((offset * np.asarray(target.normals)[pairs[:, 1]]).sum(axis=1))
+    best = np.sort(along)[: int(np.ceil(0.9 * len(along)))]
+    return float(np.sqrt(np.mean(best**2)))
 
 
 def _cloud(points_xyz: Floats) -> o3d.geometry.PointCloud:

@@ -81,6 +81,28 @@ def spacing(view: View) -> float:
     return max((m for m in medians if np.isfinite(m)), default=float('nan'))
 
 
+def grid_normals(view: View) -> Floats:
+    """
+    Return the normal of every point that has neighbours on both axes of the grid.
+
+    The grid knows which points are neighbours on the surface; a search by distance does not when
+    profiles lie farther apart than the points of one profile. The sense of a normal is arbitrary.
+
+    returns : (rows, columns, 3) float64, unit; NaN where it is unknown
+    """
+    points = view.points_xyz
+    if closes(view):
+        points = np.concatenate([points[:, -1:], points, points[:, :1]], axis=1)
+    down, right = np.full_like(points, np.nan), np.full_like(points, np.nan)
+    down[1:-1] = points[2:] - points[:-2]
+    right[:, 1:-1] = points[:, 2:] - points[:, :-2]
+    across = np.cross(down, right)
+    if closes(view):
+        across = across[:, 1:-1]
+    with np.errstate(invalid='ignore'):
+        return np.asarray(across / np.linalg.norm(across, axis=2, keepdims=True))
+
+
 def without(view: View, removed: Bools) -> View:
     """Return the view with the points of a (rows, columns) mask made NaN."""
     gone = removed[..., None]
