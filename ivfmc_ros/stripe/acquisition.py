@@ -7,11 +7,14 @@ from dataclasses import asdict
 from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import replace
+import math
 
 import numpy as np
 
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.volume import Volume
+from ivfmc_ros.errors import CellError
+from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Frame
 from ivfmc_ros.model import Image
@@ -69,7 +72,8 @@ class Acquisition:
     """
     Makes the profiles of a scan.
 
-    :raises CellError: (of ``profile``) a picture has another size than the calibration
+    :raises CellError: a picture has another size than the calibration, or another laser
+    :raises GeometryError: the table angle of a picture is not known
     """
 
     def __init__(self, cell: Cell, settings: AcquisitionSettings) -> None:
@@ -87,7 +91,7 @@ class Acquisition:
 
     def profile(self, frame: Frame) -> Profile:
         """Extract, triangulate and denoise the stripe of a picture."""
-        self._cell.camera.require_image(frame.image.shape, f'picture {frame.seq}')
+        self._require_usable(frame)
         settings = self.settings
         direction = self._cell.lasers[frame.laser].stripe
         stripe = extract(frame.image, direction, settings.extract, self._masks[frame.laser])
@@ -102,6 +106,20 @@ class Acquisition:
         return denoise.keep(inside, clean)
 
     def _masked(self, frame: Frame) -> Image:
-        self._cell.camera.require_image(frame.image.shape, f'picture {frame.seq}')
+        """Return what can be stripe, turned so that there is one stripe point a row."""
+        self._require_usable(frame)
         mask = self._masks[frame.laser]
-        return frame.image * (mask if frame.image.ndim == 2 else mask[..., None])
+        image = frame.image * (mask if frame.image.ndim == 2 else mask[..., None])
+        by_row = self._cell.lasers[frame.laser].stripe == 'rows'
+        return image if by_row else np.swapaxes(image, 0, 1)
+
+    def _require_usable(self, frame: Frame) -> None:
+        where = f'picture {frame.seq}'
+        self._cell.camera.require_image(frame.image.shape, where)
+        if not 0 <= frame.laser < len(self._cell.lasers):
+            raise CellError(
+                f'{where}: shows laser {frame.laser}, the cell has {len(self._cell.lasers)}; '
+                'use the cell that the scan was made in'
+            )
+        if not math.isfinite(frame.angle):
+            raise GeometryError(f'{where}: the table angle is {frame.angle}, not a number')

@@ -59,9 +59,10 @@ def unclipped_channel(images: Iterable[Image]) -> str:
     the others; those still have a peak. All colours that are clipped on at most a tenth of the
     rows count equally; if every colour is clipped more, the least clipped one counts.
 
-    images : some pictures of the scan, (h, w) mono or (h, w, 3) BGR
+    images : some pictures of the scan, (h, w) mono or (h, w, 3) BGR, one stripe point a row
     """
-    shares = [_clipped_rows(image) for image in images if image.ndim == 3]
+    found = (_clipped_rows(image) for image in images if image.ndim == 3)
+    shares = [share for share in found if share is not None]
     if not shares:
         return '+'.join(_COLOURS)
     clipped = np.mean(shares, axis=0)
@@ -71,11 +72,15 @@ def unclipped_channel(images: Iterable[Image]) -> str:
     )
 
 
-def _clipped_rows(image: Image) -> Floats:
-    """Return for each colour the share of the lit rows whose brightest pixel is clipped."""
+def _clipped_rows(image: Image) -> Floats | None:
+    """
+    Return for each colour the share of the lit rows whose brightest pixel is clipped, (3,).
+
+    A picture without a lit row says nothing: None.
+    """
     full = np.iinfo(image.dtype).max
     brightest = image.max(axis=1)
     lit = brightest.max(axis=1) > 0.4 * full
     if not lit.any():
-        return np.zeros(3)
+        return None
     return np.asarray((brightest[lit] >= _CLIPPED * full).mean(axis=0))

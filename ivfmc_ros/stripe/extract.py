@@ -103,16 +103,25 @@ def extract(
     image : (h, w) mono or (h, w, 3) BGR, uint8 or uint16
     stripe : 'rows' for one point in every row, 'columns' for one in every column
     mask : (h, w) bool, where the stripe can be; None for everywhere
+    returns : without rows that have no stripe, or one that the picture's border cuts
     """
     settings = settings or ExtractSettings()
+    if stripe == 'columns':
+        image = cast(Image, cv2.transpose(image))
+        mask = None if mask is None else np.ascontiguousarray(mask.T)
     grey = channel.to_grey(image, settings.channel)
     scale = 255.0 / np.iinfo(grey.dtype).max
-    if stripe == 'columns':
-        grey = cast(Image, cv2.transpose(grey))
-        mask = None if mask is None else np.ascontiguousarray(mask.T)
     rows, peaks = _find_peaks(grey, settings, mask)
     found = _measure(_Patches.cut(grey, rows, peaks, settings, scale), rows, settings)
+    found = found[_is_whole(found, grey.shape[1], settings)]
     return _swapped(found) if stripe == 'columns' else found
+
+
+def _is_whole(stripe: Stripe, width: int, settings: ExtractSettings) -> Bools:
+    """Tell where the whole window is on the picture: a cut stripe is measured off its centre."""
+    half = settings.window * stripe.width
+    u = stripe.uv[:, 0]
+    return np.asarray((u - half >= -0.5) & (u + half <= width - 0.5))
 
 
 def _swapped(stripe: Stripe) -> Stripe:

@@ -1,0 +1,151 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic import draw_stripe
+from synthetic import expose
+from synthetic import small_cell
+from synthetic import Sphere
+from synthetic import sphere_frames
+
+from ivfmc_ros.cell.volume import Volume
+from ivfmc_ros.errors import CellError
+from ivfmc_ros.errors import GeometryError
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.model import Frame
+from ivfmc_ros.stripe.acquisition import Acquisition
+from ivfmc_ros.stripe.acquisition import AcquisitionSettings
+
+SPHERE = Sphere(np.array([0.01, 0.005, 0.04]), 0.02)
+BLACK = np.zeros((512, 640), dtype=np.uint8)
+
+
+def acquisition(**settings):
+    return Acquisition(small_cell(), AcquisitionSettings(**settings))
+
+
+def frame_of(image, **changes):
+    return Frame(**{'image': image, 'stamp_ns': 0, 'angle': 0.0, 'seq': 7, **changes})
+
+
+def test_picture_becomes_points_on_the_part():
+    found = acquisition()
+    for frame in sphere_frames(small_cell(), SPHERE, 8, seed=1):
+        profile = found.profile(frame)
+        assert len(profile) > 50
+        distance = SPHERE.distance(profile.points_xyz)
+        # 0.11 pixel of noise is 0.065 mm along the sheet in this coarse cell
+        assert np.sqrt(np.mean(distance**2)) < 0.08e-3
+        assert 0.5 < np.sqrt(np.mean((distance / profile.sigma) ** 2)) < 1.25
+
+
+def test_every_point_is_counted_once():
+    (frame, *_) = sphere_frames(small_cell(), SPHERE, 1)
+    whole = acquisition()
+    count = len(whole.profile(frame))
+    assert whole.counts.stripe_points == count + whole.counts.noise
+    cut = acquisition(volume=Volume(radius=0.06, bottom=0.045, top=0.1))
+    profile = cut.profile(frame)
+    assert 0 < len(profile) < count
+    assert (profile.points_xyz[:, 2] >= 0.045).all()
+    counts = cut.counts.as_dict()
+    assert counts['stripe_points'] - counts['outside_volume'] - counts['noise'] == len(profile)
+    assert (counts['pictures'], counts['pictures_without_stripe']) == (1, 0)
+
+
+def test_stripe_on_the_wall_is_no_part():
+    # behind the table, outside of the volume, and brighter than the part
+    wall = np.stack([np.full(512, 30.0), np.arange(512.0)], axis=1)
+    light = draw_stripe(wall, peak=220.0)
+    light += draw_stripe(SPHERE.stripe(small_cell(), 0.0), peak=80.0, ambient=0.0)
+    profile = acquisition().profile(frame_of(expose(light)))
+    assert len(profile) > 80
+    assert np.abs(SPHERE.distance(profile.points_xyz)).max() < 0.1e-3
+
+
+def test_black_picture_is_an_empty_profile_that_is_counted():
+    found = acquisition()
+    profile = found.profile(frame_of(BLACK, angle=0.5))
+    assert len(profile) == 0
+    assert (profile.seq, profile.angle) == (7, 0.5)
+    assert found.counts.pictures_without_stripe == found.counts.pictures == 1
+
+
+def coloured(image):
+    """Green saturates, blue and red do not."""
+    light = image.astype(np.float64)
+    return np.stack([0.5 * light, 3.0 * light, light], axis=2).clip(0, 255).astype(np.uint8)
+
+
+def test_colours_are_chosen_by_the_pictures():
+    found = acquisition()
+    frames = sphere_frames(small_cell(), SPHERE, 3)
+    found.choose_channel(replace(frame, image=coloured(frame.image)) for frame in frames)
+    assert found.settings.extract.channel == 'blue+red'
+
+
+def test_colours_are_chosen_by_the_part_and_not_by_the_wall():
+    found = acquisition()
+    (frame,) = sphere_frames(small_cell(), SPHERE, 1)
+    image = np.repeat(frame.image[..., None], 3, axis=2)
+    image[:, 20:40, 2] = 255
+    found.choose_channel([replace(frame, image=image)])
+    assert found.settings.extract.channel == 'blue+green+red'
+
+
+def test_colours_of_a_stripe_along_rows_are_chosen_across_it():
+    # a level stripe: of the few rows that are lit one is clipped, in one pixel
+    cell = small_cell()
+    cell = replace(cell, lasers=(replace(cell.lasers[0], stripe='columns'),))
+    light = 100.0 * np.exp(-0.5 * ((np.arange(512) - 250.0) / 2.5) ** 2)
+    image = np.repeat(np.repeat(light[:, None], 640, axis=1)[..., None], 3, axis=2)
+    image[250, 300:304, 1] = 255.0
+    image[240:262] *= 1.3
+    found = Acquisition(cell, AcquisitionSettings())
+    found.choose_channel([frame_of(image.clip(0, 255).astype(np.uint8))])
+    assert found.settings.extract.channel == 'blue+green+red'
+
+
+def test_chosen_channel_is_not_changed():
+    settings = AcquisitionSettings()
+    settings = replace(settings, extract=replace(settings.extract, channel='green'))
+    found = Acquisition(small_cell(), settings)
+    found.choose_channel([frame_of(coloured(BLACK))])
+    assert found.settings.extract.channel == 'green'
+
+
+def test_picture_of_another_size_is_refused():
+    small = frame_of(np.zeros((480, 640), dtype=np.uint8))
+    with pytest.raises(CellError, match=r'^picture 7: the picture is 640 x 480'):
+        acquisition().profile(small)
+    with pytest.raises(CellError, match=r'^picture 7: the picture is 640 x 480'):
+        acquisition().choose_channel([small])
+
+
+@pytest.mark.parametrize('laser', [2, -1])
+def test_laser_that_the_cell_does_not_have_is_refused(laser):
+    with pytest.raises(CellError, match=rf'^picture 7: shows laser {laser}, the cell has 2'):
+        acquisition().profile(frame_of(BLACK, laser=laser))
+
+
+@pytest.mark.parametrize('angle', [np.nan, np.inf])
+def test_angle_that_is_not_known_is_refused(angle):
+    with pytest.raises(GeometryError, match=r'^picture 7: the table angle is .*, not a number'):
+        acquisition().profile(frame_of(BLACK, angle=angle))
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'),
+    [
+        ('noise_distance', 0.0),
+        ('noise_distance', 1.1),
+        ('noise_distance', np.nan),
+        ('noise_least', 0),
+        ('noise_least', 1001),
+    ],
+)
+def test_setting_out_of_range_is_refused(name, value):
+    with pytest.raises(ParameterError, match=rf'^{name}: .* is out of range; it must be'):
+        AcquisitionSettings(**{name: value})
