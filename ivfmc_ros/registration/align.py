@@ -121,7 +121,7 @@ def _objection(found: IcpResult, reach: float) -> str:
         return f'table believed: only {found.overlap:.0%} overlap'
     if not found.converged:
         return 'table believed: ICP did not converge'
-    if found.rms_after > _MIN_GAIN * found.rms_before:
+    if found.rms_after >= _MIN_GAIN * found.rms_before:
         return 'table believed: ICP fits no better'
     if np.linalg.norm(found.target_from_source[:3, 3]) > 2.0 * reach:
         return 'table believed: the correction is larger than the table could err'

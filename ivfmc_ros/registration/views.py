@@ -77,8 +77,8 @@ def spacing(view: View) -> float:
     points = view.points_xyz
     along = np.linalg.norm(np.diff(points, axis=0), axis=2)
     across = np.linalg.norm(np.diff(points, axis=1), axis=2)
-    medians = [float(np.median(d[np.isfinite(d)])) for d in (along, across) if d.size]
-    return max((m for m in medians if np.isfinite(m)), default=float('nan'))
+    known = [steps[np.isfinite(steps)] for steps in (along, across)]
+    return max((float(np.median(steps)) for steps in known if steps.size), default=float('nan'))
 
 
 def grid_normals(view: View) -> Floats:
