@@ -19,6 +19,9 @@ from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Profile
 from ivfmc_ros.model import View
 
+# A seam of so many steps is still neighbours.
+_SEAM_STEPS = 4.0
+
 
 def assemble(cell: Cell, profiles: Iterable[Profile]) -> list[View]:
     """
@@ -64,12 +67,17 @@ def _assemble_one(cell: Cell, number: int, profiles: Sequence[Profile]) -> View:
 
 
 def closes(view: View) -> bool:
-    """Tell whether the sweep is a full turn, so that its last column neighbours its first."""
+    """
+    Tell whether the sweep is a full turn, so that its last column neighbours its first.
+
+    A table that loses steps ends a little before the turn is full; what the gap may span is
+    decided by the length of the edges across it.
+    """
     if len(view.angles) < 3:
         return False
     steps = np.diff(view.angles)
     gap = 2.0 * np.pi - (view.angles[-1] - view.angles[0])
-    return bool(abs(gap) <= 1.5 * np.median(steps))
+    return bool(-1.5 * np.median(steps) <= gap <= _SEAM_STEPS * np.median(steps))
 
 
 def spacing(view: View) -> float:
