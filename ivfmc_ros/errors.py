@@ -56,3 +56,39 @@ class GeometryError(ScanError):
     """Points do not determine the surface, pose or shape asked for."""
 
     code = 'DEGENERATE'
+
+
+class DeviceError(ScanError):
+    """A camera or motion board does not do what it was told."""
+
+    code = 'DEVICE'
+
+
+class BoardLostError(DeviceError):
+    """The motion board cannot be reached, or answers no longer."""
+
+    code = 'BOARD_LOST'
+
+
+class BoardAlarmError(DeviceError):
+    """The motion board is locked or has lost its position; it must be homed or unlocked."""
+
+    code = 'BOARD_ALARM'
+
+
+class BoardRefusedError(DeviceError):
+    """The motion board understood a command and refused it."""
+
+    code = 'BOARD_REFUSED'
+
+
+class StoppedError(DeviceError):
+    """A command ended because somebody stopped the motion."""
+
+    code = 'STOPPED'
+
+
+class CameraLostError(DeviceError):
+    """The camera cannot be opened, or gives no pictures any more."""
+
+    code = 'CAMERA_LOST'
