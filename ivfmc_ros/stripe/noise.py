@@ -3,10 +3,19 @@
 """How noisy a pixel is."""
 
 from dataclasses import dataclass
+import math
+from typing import TypeVar
 
 import numpy as np
 
+from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Singles
+
+Values = TypeVar('Values', Floats, Singles)
+
+# Least variance: a grey value is a whole number.
+_ROUNDING = 1.0 / 12.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,8 +23,8 @@ class Noise:
     """
     Variance of a pixel: read^2 + I / electrons_per_dn + (speckle I_laser)^2.
 
-    read : read noise in grey values
-    electrons_per_dn : electrons that raise a pixel by one grey value (shot noise)
+    read : read noise in grey values, rounding to whole ones included
+    electrons_per_dn : electrons that raise a pixel by one grey value (shot noise); may be inf
     speckle : contrast of the laser's speckle as the camera sees it, a share of the signal
     """
 
@@ -23,12 +32,26 @@ class Noise:
     electrons_per_dn: float = 45.0
     speckle: float = 0.15
 
-    def variance(self, total: Floats, laser: Floats) -> Floats:
+    def __post_init__(self) -> None:
+        _require('read', self.read, 0.0 <= self.read <= 100.0, '0 to 100 grey values')
+        _require('electrons_per_dn', self.electrons_per_dn, self.electrons_per_dn > 0, 'positive')
+        _require('speckle', self.speckle, 0.0 <= self.speckle <= 2.0, '0 to 2')
+
+    def variance(self, total: Values, laser: Values) -> Values:
         """
-        Return the variance of pixels, in squared grey values.
+        Return the variance of pixels, in squared grey values, in the type of ``total``.
 
         total : grey values as read
         laser : the part of it that the laser gave
         """
-        shot = np.maximum(total, 0.0) / self.electrons_per_dn
-        return np.asarray(self.read**2 + shot + (self.speckle * laser) ** 2)
+        variance = self.speckle * laser
+        variance *= variance
+        variance += max(self.read**2, _ROUNDING)
+        if math.isfinite(self.electrons_per_dn):
+            variance += np.maximum(total, 0.0) * (1.0 / self.electrons_per_dn)
+        return variance
+
+
+def _require(name: str, value: float, fits: bool, allowed: str) -> None:
+    if not fits:
+        raise ParameterError(f'{name}: {value} is out of range; it must be {allowed}')

@@ -72,7 +72,7 @@ def test_claimed_sigma_is_true(sigma, speckle, peak):
 
 def test_bench_stripe_is_found_near_the_noise_limit():
     # shot, read noise and speckle of the bench: the Cramer-Rao bound of this stripe is 0.082 px
-    # (sum over pixels of (dI/du)^2 / variance); a centre of mass may lose 40 %
+    # (sum over pixels of (dI/du)^2 / variance); 1000 rows tell a standard deviation to 2.2 %
     pixels = np.arange(-20.0, 21.0)
     light = 150.0 * np.exp(-0.5 * (pixels / 2.5) ** 2)
     slope = light * pixels / 2.5**2
@@ -80,7 +80,7 @@ def test_bench_stripe_is_found_near_the_noise_limit():
     u = phases()
     found = extract(picture(u, 2.5, np.random.default_rng(2), speckle=0.15))
     error = found.uv[:, 0] - u[found.uv[:, 1].astype(int)]
-    assert bound < error.std() < 1.4 * bound
+    assert 0.95 * bound < error.std() < 1.10 * bound
 
 
 @pytest.mark.parametrize('colour', [False, True])
@@ -128,15 +128,15 @@ def test_mask_of_nothing_finds_nothing():
 def test_dim_rows_are_not_found():
     u = phases(100)
     image = picture(u)
-    image[40:60] = picture(u[40:60], peak=12.0)
+    image[40:60] = picture(u[40:60], peak=1.5)
     found = set(extract(image).uv[:, 1].astype(int))
     assert found == set(range(100)) - set(range(40, 60))
 
 
 def test_contrast_decides_what_is_dim():
     image = picture(phases(50), peak=12.0)
-    assert len(extract(image)) == 0
-    assert len(extract(image, settings=ExtractSettings(min_contrast=0.03))) == 50
+    assert len(extract(image)) == 50
+    assert len(extract(image, settings=ExtractSettings(min_contrast=0.06))) == 0
 
 
 def test_glow_wider_than_a_stripe_is_not_found():
@@ -168,7 +168,8 @@ def test_sixteen_bits_are_measured_as_eight():
     a, b = extract(eight), extract(sixteen)
     assert np.array_equal(a.uv[:, 1], b.uv[:, 1])
     for name in FIELDS:
-        assert np.allclose(getattr(a, name), getattr(b, name), atol=1e-3)
+        # the peak is searched in a smoothed picture, rounded to its own grey values
+        assert np.allclose(getattr(a, name), getattr(b, name), atol=0.02, rtol=0.02)
 
 
 @pytest.mark.parametrize('mirrored', [False, True])

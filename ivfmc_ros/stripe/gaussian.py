@@ -1,0 +1,182 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Maximum-likelihood fit of a Gaussian stripe on a level background, all rows at once.
+
+The model of a row is exp(c0 + c1 x + c2 x^2) + b. Its derivatives are the bell itself times
+1, x, x^2, with the same x for all rows, so that every sum of the normal equations is a matrix
+product. Pixels weigh by the variance that the noise model gives to the fitted bell, not to the
+noisy pixel, which would pull the fit to what is dark by chance (the pitfall that Guo 2011, IEEE
+Signal Processing Magazine 28 (5), describes for the logarithmic fit).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Singles
+from ivfmc_ros.stripe.noise import Noise
+from ivfmc_ros.stripe.patches import Estimate
+from ivfmc_ros.stripe.patches import Patches
+
+_STEPS = 3
+# In the first steps a pixel brighter than the bell counts as noisy as its own brightness says:
+# where the bell starts too narrow, its dark flanks would seem to be known exactly.
+_CAUTIOUS = 2
+# A step may change the bell by at most this factor (e^3) within two sigmas.
+_LARGEST = 3.0
+# The fitted sigma stays within this factor of the rough one.
+_STRETCH = 2.5
+# How well the sides of a peak tell the background: grey values, and shares of its height.
+_LEVEL_SIGMA = 4.0
+_LEVEL_SHARE = 0.1
+
+
+# Standard deviation of a bell's height with free place, width and level, for noise 1 and sigma 1.
+_HEIGHT_NOISE = 1.2
+# Keeps the equations of a row with too few pixels solvable.
+_RIDGE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """
+    Where the fit stands.
+
+    bell, residual : (n, w) float32, grey values
+    weight : (n, w) float32, 1 / variance, 0 for unused pixels
+    covariance : (6, n) of c0, c1, c2, in the order 00, 01, 02, 11, 12, 22
+    step : (4, n), what Gauss and Newton would add to c
+    """
+
+    bell: Singles
+    residual: Singles
+    weight: Singles
+    covariance: Floats
+    step: Floats
+
+
+class _Fit:
+    """The same fit in many rows; ``c`` is (4, n): the polynomial and the background."""
+
+    def __init__(self, patches: Patches, noise: Noise) -> None:
+        rough = patches.rough
+        self._patches = patches
+        self._noise = noise
+        self._powers: Singles = np.vander(patches.x, 5, increasing=True).astype(np.float32)
+        self._level = rough.level.astype(np.float64)
+        share = np.maximum(_LEVEL_SHARE * rough.height, _LEVEL_SIGMA).astype(np.float64)
+        self._level_weight = share**-2
+        self._sigma = np.maximum(rough.width.astype(np.float64), 0.7)
+        place = (rough.column - patches.column).astype(np.float64) + rough.middle
+        curvature = -0.5 / self._sigma**2
+        height = np.log(np.maximum(rough.height, 1.0))
+        self.c: Floats = np.stack(
+            [height + curvature * place**2, -2.0 * curvature * place, curvature, self._level]
+        )
+
+    def run(self) -> _State:
+        """Do a fixed number of steps; return the state that the last, small one started from."""
+        for step in range(_STEPS):
+            state = self._evaluate(cautious=step < _CAUTIOUS)
+            self._move(state.step)
+        return state
+
+    def _evaluate(self, *, cautious: bool) -> _State:
+        c = self.c.astype(np.float32).T
+        bell = np.exp(c[:, :3] @ self._powers[:, :3].T)
+        above = self._patches.values - c[:, 3:]
+        light = np.maximum(bell, above) if cautious else bell
+        weight = self._patches.used / self._noise.variance(light + c[:, 3:], light)
+        residual = above - bell
+        return _State(bell, residual, weight, *self._solve(bell, weight, residual))
+
+    def _solve(self, bell: Singles, weight: Singles, residual: Singles) -> tuple[Floats, Floats]:
+        """Return covariance and step: the background is eliminated, the rest is 3 x 3."""
+        by_bell = weight * bell
+        squares = _sums(by_bell * bell, self._powers)
+        mixed = _sums(by_bell, self._powers[:, :3])
+        pull = _sums(by_bell * residual, self._powers[:, :3])
+        total = np.einsum('ij->i', weight) + self._level_weight
+        pull_level = np.einsum('ij,ij->i', weight, residual).astype(np.float64)
+        pull_level += self._level_weight * (self._level - self.c[3])
+        share = mixed / total
+        matrix = [squares[i + j] - mixed[i] * share[j] for i, j in _UPPER]
+        for diagonal in (0, 3, 5):
+            matrix[diagonal] += _RIDGE * (1.0 + matrix[diagonal])
+        covariance = _inverse(matrix)
+        step = _times(covariance, pull - share * pull_level)
+        level_step = (pull_level - (mixed * step).sum(axis=0)) / total
+        return covariance, np.concatenate([step, level_step[None]])
+
+    def _move(self, step: Floats) -> None:
+        reach = 2.0 * self._sigma
+        size = np.abs(step[0]) + reach * (np.abs(step[1]) + reach * np.abs(step[2]))
+        step[:3] *= np.minimum(1.0, _LARGEST / np.maximum(size, 1e-9))
+        self.c += step
+        bounds = -0.5 / (self._sigma / _STRETCH) ** 2, -0.5 / (self._sigma * _STRETCH) ** 2
+        self.c[2] = np.clip(self.c[2], *bounds)
+
+
+def fit(patches: Patches, noise: Noise) -> Estimate:
+    """Fit every patch, from its rough peak, by a fixed number of Gauss-Newton steps."""
+    rows = _Fit(patches, noise)
+    state = rows.run()
+    c0, c1, c2, level = rows.c
+    place, width = -0.5 * c1 / c2, np.sqrt(-0.5 / c2)
+    height = np.exp(np.minimum(c0 - 0.25 * c1**2 / c2, 20.0))
+    # the place is a function of c: its variance is g' C g
+    sigma = _spread(state.covariance, np.stack([0.0 * c2, -0.5 / c2, 0.5 * c1 / c2**2]))
+    # of a stripe that is none: what the ground's noise lets the height of a fitted bell be
+    dark = np.sqrt(noise.variance(level, 0.0 * level) / width) * _HEIGHT_NOISE
+    return Estimate(
+        place=place,
+        width=width,
+        height=height,
+        sigma=sigma,
+        snr=height / (dark * _misfit(patches, state)),
+        doubt=_doubt(patches, state, place, width),
+    )
+
+
+def _misfit(patches: Patches, state: _State) -> Floats:
+    """Return by how much residuals exceed the noise for certain, 1 or more."""
+    count = np.maximum(np.einsum('ij->i', patches.used) - 4.0, 1.0)
+    chi2 = np.einsum('ij,ij,ij->i', state.residual, state.residual, state.weight) / count
+    return np.asarray(np.sqrt(np.maximum(chi2 - 3.0 * np.sqrt(2.0 / count), 1.0)))
+
+
+_UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+
+
+def _sums(values: Singles, powers: Singles) -> Floats:
+    """Return sums over the pixels of values times powers of x, (powers, n)."""
+    return np.asarray((values @ powers).T, dtype=np.float64, order='C')
+
+
+def _inverse(matrix: list[Floats]) -> Floats:
+    """Return the inverse of symmetric 3 x 3 matrices, both as their six upper entries."""
+    a, b, c, d, e, f = matrix
+    cofactors = np.stack(
+        [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b]
+    )
+    determinant = a * cofactors[0] + b * cofactors[1] + c * cofactors[2]
+    return np.asarray(cofactors / np.maximum(determinant, 1e-9 * a * d * f))
+
+
+def _times(matrix: Floats, vector: Floats) -> Floats:
+    """Return symmetric matrices (6, n) times vectors (3, n)."""
+    a, b, c, d, e, f = matrix
+    x, y, z = vector
+    return np.stack([a * x + b * y + c * z, b * x + d * y + e * z, c * x + e * y + f * z])
+
+
+def _spread(covariance: Floats, gradient: Floats) -> Floats:
+    """Return the 1 sigma of a function of c with this gradient (3, n)."""
+    variance = (gradient * _times(covariance, gradient)).sum(axis=0)
+    return np.asarray(np.sqrt(np.maximum(variance, 1e-12)))
+
+
+def _doubt(patches: Patches, state: _State, place: Floats, width: Floats) -> Floats:
+    return np.zeros(len(place))

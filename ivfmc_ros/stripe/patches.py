@@ -1,0 +1,110 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The pixels around peaks, cut out so that all rows are measured at once."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ivfmc_ros.model import Bools
+from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Image
+from ivfmc_ros.model import Ints
+from ivfmc_ros.model import Singles
+from ivfmc_ros.stripe.peaks import Peaks
+
+# Grey values of 0 to 255 from which on a pixel counts as clipped.
+_FULL = 254.5
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """
+    One stretch of a row around each peak, in grey values of 0 to 255.
+
+    x : (w,) float32, pixels from ``column``, the same for all
+    column : (n,) int64, of the middle
+    values : (n, w) float32
+    used : (n, w) float32, 1 for a pixel in the window that shows the stripe; 0 for one that is
+        clipped, off the picture, or beyond the valley to another peak
+    rough : what is known of each peak, (n,) arrays
+    """
+
+    x: Singles
+    column: Ints
+    values: Singles
+    used: Singles
+    rough: Peaks
+
+    @classmethod
+    def cut(
+        cls, grey: Image, scale: float, rows: Ints, rough: Peaks, window: float, limits: Floats
+    ) -> 'Patches':
+        """
+        Cut out the surroundings of one peak in each of ``rows``.
+
+        window : half of it, in sigmas of each peak
+        limits : (n, 2) columns, first and last that may show the peak
+        """
+        half = window * np.maximum(rough.width, 1.0) + 0.8
+        column = rough.column + np.rint(rough.middle).astype(np.int64)
+        reach = int(np.ceil(float(half.max(initial=1.0)))) + 1
+        steps = np.arange(-reach, reach + 1)
+        width = grey.shape[1]
+        places = column[:, None] + steps
+        on_picture = column.min(initial=reach) >= reach
+        on_picture &= column.max(initial=0) + reach < width
+        inside = places if on_picture else np.clip(places, 0, width - 1)
+        values = grey.ravel().take(inside + (rows * width)[:, None]).astype(np.float32)
+        values *= np.float32(scale)
+        x = steps.astype(np.float32)
+        middle = (rough.column + rough.middle - column).astype(np.float32)
+        used = np.abs(x - middle[:, None]) <= half[:, None]
+        if not on_picture:
+            used &= inside == places
+        _within(used, places, limits, reach)
+        clipped = values >= _FULL
+        if clipped.any():
+            used &= ~_grown(clipped)
+        return cls(x, column, values, used.astype(np.float32), rough)
+
+    def __len__(self) -> int:
+        return len(self.column)
+
+
+def _within(used: Bools, places: Ints, limits: Floats, reach: int) -> None:
+    """Leave out pixels beyond the limits; few rows have any in reach."""
+    middle = places[:, reach]
+    near = np.flatnonzero((limits[:, 0] > middle - reach) | (limits[:, 1] < middle + reach))
+    if len(near):
+        fits = (places[near] >= limits[near, :1]) & (places[near] <= limits[near, 1:])
+        used[near] &= fits
+
+
+def _grown(clipped: Bools) -> Bools:
+    """Return clipped pixels and their neighbours, into which they bloom."""
+    grown = clipped.copy()
+    grown[:, 1:] |= clipped[:, :-1]
+    grown[:, :-1] |= clipped[:, 1:]
+    return grown
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """
+    What an estimator says of each patch, (n,) float64.
+
+    place : pixels from the patch's middle column; NaN where it found nothing
+    width : sigma of the stripe in pixels
+    height : above the background, grey values of 0 to 255
+    sigma : pixels, 1 sigma of ``place`` from the noise of the pixels
+    snr : height over its own 1 sigma, as far as the profile is a stripe's
+    doubt : pixels, by how much what is no noise can have moved ``place``
+    """
+
+    place: Floats
+    width: Floats
+    height: Floats
+    sigma: Floats
+    snr: Floats
+    doubt: Floats

@@ -1,0 +1,201 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What stands out in the rows of a picture: up to three peaks a row, roughly measured.
+
+The rows are smoothed by a short box. The strongest peak is measured at offsets that grow
+geometrically, then it is blanked and the row is searched again. Only rows with a second peak
+that could be a stripe are searched for a third.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+from typing import cast
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ivfmc_ros.model import Bools
+from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Image
+from ivfmc_ros.model import Ints
+from ivfmc_ros.model import Singles
+
+CANDIDATES = 3
+
+FWHM_PER_SIGMA = 2.0 * np.sqrt(2.0 * np.log(2.0))
+
+# Steps away from a peak at which it is measured: dense at the peak, wide at the background.
+_STEPS = np.array([0, 1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 31, 38, 48, 60, 75, 94, 117, 150])
+# Beyond so many sigmas of a peak another one may begin.
+_BLANK = 3.0
+# A second peak below this share of the first is part of the first one's surroundings.
+_RIVAL = 0.1
+# Picture noise is estimated from every so many rows and columns.
+_EVERY = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Peaks:
+    """
+    Peaks of rows, in grey values of 0 to 255; arrays (rows,) or (rows, candidates).
+
+    column : int64, of the smoothed maximum
+    middle : float32, between where it falls to half its height, from ``column``
+    width : float32, sigma in pixels; NaN where there is no peak
+    height : float32, above the higher of its two sides
+    level : float32, of its lower side
+    """
+
+    column: Ints
+    middle: Singles
+    width: Singles
+    height: Singles
+    level: Singles
+
+    @property
+    def found(self) -> Bools:
+        """Where there is a peak."""
+        return np.isfinite(self.width)
+
+    def __getitem__(self, chosen: Any) -> 'Peaks':
+        return Peaks(*(array[chosen] for array in self._arrays()))
+
+    def _arrays(self) -> tuple[NDArray[np.generic], ...]:
+        return self.column, self.middle, self.width, self.height, self.level
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """
+    How peaks are looked for.
+
+    box : width in pixels of the box that smooths rows; odd
+    threshold : least height of the first peak of a row, grey values of 0 to 255
+    rival : least height of others
+    max_sigma : a peak wider than this (sigma, pixels) is none
+    """
+
+    box: int
+    threshold: float
+    rival: float
+    max_sigma: float
+
+
+def picture_noise(grey: Image) -> float:
+    """
+    Return the standard deviation of a picture's dark pixels, in steps of its grey values.
+
+    It is the median difference of neighbours on a coarse grid, of which stripes cover little;
+    interpolated between grey values, or it could be no finer than one.
+    """
+    # 13 and 8 have no common factor: the pairs fall inside and across the blocks of a JPEG
+    left = grey[::_EVERY, : -1 : _EVERY + 1].astype(np.int32)
+    right = grey[::_EVERY, 1 :: _EVERY + 1].astype(np.int32)
+    steps = np.abs(left - right[:, : left.shape[1]]).ravel()
+    if not len(steps):
+        return 0.0
+    middle = int(np.partition(steps, len(steps) // 2)[len(steps) // 2])
+    below, at = np.count_nonzero(steps < middle), np.count_nonzero(steps == middle)
+    low = middle - 0.5 if middle else 0.0
+    high = middle + 0.5
+    median = low + (high - low) * (0.5 * len(steps) - below) / at
+    return float(median / 0.6745 / np.sqrt(2.0))
+
+
+def find(grey: Image, scale: float, search: Search, mask: Bools | None) -> Peaks:
+    """
+    Return the peaks of every row, (rows, 3), the strongest first.
+
+    grey : (rows, columns); times ``scale`` it is in grey values of 0 to 255
+    mask : (rows, columns) bool, where peaks may be
+    """
+    smooth = cast(Image, cv2.blur(grey, (search.box, 1), borderType=cv2.BORDER_REPLICATE))
+    left: Image = smooth.copy()
+    if mask is not None:
+        left = cast(Image, cv2.bitwise_and(left, left, mask=mask.view(np.uint8)))
+    height = len(grey)
+    rows = np.arange(height)
+    first = _measure(smooth, scale, search, rows, left.argmax(axis=1))
+    column = np.zeros((height, CANDIDATES), dtype=np.int64)
+    rest = np.full((4, height, CANDIDATES), np.nan, dtype=np.float32)
+    _store(column, rest, 0, rows, first)
+    strongest = np.where(first.found, first.height, 0.0)
+    last = first
+    for k in range(1, CANDIDATES):
+        _blank(left, last)
+        peaks = left.argmax(axis=1)
+        least = last.level + np.maximum(search.rival, _RIVAL * strongest)
+        lit = scale * left[np.arange(len(rows)), peaks] > least
+        rows, left, strongest = rows[lit], left[lit], strongest[lit]
+        if not len(rows):
+            break
+        last = _measure(smooth, scale, search, rows, peaks[lit])
+        # what lies beside a blanked peak and falls from there is still that peak
+        genuine = last.found & (last.height >= np.maximum(search.rival, _RIVAL * strongest))
+        _store(column, rest, k, rows[genuine], last[genuine])
+    return Peaks(column, *rest)
+
+
+def _store(column: Ints, rest: Singles, k: int, rows: Ints, peaks: Peaks) -> None:
+    column[rows, k] = peaks.column
+    for array, values in zip(rest, peaks._arrays()[1:], strict=True):
+        array[rows, k] = values
+
+
+def _blank(smooth: Image, peaks: Peaks) -> None:
+    """Make the surroundings of one peak a row dark."""
+    reach = np.ceil(_BLANK * np.nan_to_num(peaks.width, nan=2.0)).astype(np.int64) + 2
+    steps = np.arange(-reach.max(initial=0), reach.max(initial=0) + 1)
+    # steps beyond a peak's own reach fall on its border again
+    steps = np.clip(steps, -reach[:, None], reach[:, None])
+    width = smooth.shape[1]
+    columns = np.clip(peaks.column[:, None] + steps, 0, width - 1)
+    smooth.reshape(-1)[columns + np.arange(0, smooth.size, width)[:, None]] = 0
+
+
+def _measure(smooth: Image, scale: float, search: Search, rows: Ints, columns: Ints) -> Peaks:
+    """Measure one peak in each of the rows, which are rows of ``smooth``."""
+    steps = _STEPS[: 1 + np.searchsorted(_STEPS, 3.0 * search.max_sigma)]
+    far = np.clip(columns[:, None] + np.concatenate([-steps[:0:-1], steps]), 0, None)
+    far = np.minimum(far, smooth.shape[1] - 1)
+    values = smooth.ravel().take(far + (rows * smooth.shape[1])[:, None]).astype(np.float32)
+    values *= np.float32(scale)
+    middle = len(steps) - 1
+    sides = values[:, middle::-1], values[:, middle:]
+    levels = [_side_level(side) for side in sides]
+    top = values[:, middle]
+    reaches = [
+        _first_below(side, 0.5 * (top + level), steps)
+        for side, level in zip(sides, levels, strict=True)
+    ]
+    height = top - np.maximum(*levels)
+    # the box has widened the peak
+    variance = ((reaches[0] + reaches[1]) / FWHM_PER_SIGMA) ** 2 - (search.box**2 - 1) / 12.0
+    width = np.sqrt(np.maximum(variance, 0.25)).astype(np.float32)
+    with np.errstate(invalid='ignore'):
+        bad = (height < search.threshold) | (width > search.max_sigma)
+    width[bad] = np.nan
+    offset = 0.5 * (reaches[1] - reaches[0])
+    return Peaks(columns, offset.astype(np.float32), width, height, np.minimum(*levels))
+
+
+def _side_level(side: Singles) -> Singles:
+    """Return the background of one side of peaks: low, but not the lowest pixel's noise."""
+    dark = max(1, side.shape[1] // 5)
+    return np.asarray(np.partition(side, dark, axis=1)[:, dark])
+
+
+def _first_below(values: Singles, level: Singles, steps: Ints) -> Floats:
+    """Return the interpolated step at which values first fall below level; NaN if never."""
+    below = values < level[:, None]
+    # the peak itself may be a dark grain of speckle: the fall counts from its neighbour
+    below[:, 0] = False
+    index = below.argmax(axis=1)
+    rows = np.arange(len(values))
+    after, before = values[rows, index], values[rows, np.maximum(index - 1, 0)]
+    with np.errstate(divide='ignore', invalid='ignore'):
+        share = np.clip((before - level) / (before - after), 0.0, 1.0)
+        start, stop = steps[np.maximum(index - 1, 0)], steps[index]
+        return np.where(index > 0, start + share * (stop - start), np.nan)

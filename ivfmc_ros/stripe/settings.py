@@ -1,0 +1,58 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How the stripe is found."""
+
+from dataclasses import dataclass
+from dataclasses import field
+
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.stripe import channel
+from ivfmc_ros.stripe.estimators import METHODS
+from ivfmc_ros.stripe.noise import Noise
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExtractSettings:
+    """
+    How the stripe is found.
+
+    method : how its place is estimated, one of ``METHODS``
+    channel : auto (what does not saturate in the picture), or colours such as blue+red
+    min_snr : least height of the stripe, in standard deviations of its own estimate
+    min_contrast : least height of the stripe above its background, share of full scale
+    max_error : pixels; a point with a larger sigma is dropped
+    window : half the window of the estimate, in sigmas of the stripe
+    max_sigma : a stripe wider than this (sigma, pixels) is no stripe
+    smoothing : width in pixels of the box that finds the peak; odd
+    path : search one path along the stripe where rows have several peaks
+    noise : of the pixels; gives weights and sigmas
+    """
+
+    method: str = 'gaussian'
+    channel: str = 'auto'
+    min_snr: float = 6.0
+    min_contrast: float = 0.01
+    max_error: float = 1.0
+    window: float = 3.2
+    max_sigma: float = 12.0
+    smoothing: int = 5
+    path: bool = True
+    noise: Noise = field(default_factory=Noise)
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise ParameterError(f'method: {self.method!r} is not one of {", ".join(METHODS)}')
+        if self.channel != 'auto':
+            channel.weights_of(self.channel)
+        _require('min_snr', self.min_snr, 3.0 <= self.min_snr <= 100.0, '3 to 100')
+        _require('min_contrast', self.min_contrast, 0.0 < self.min_contrast < 1.0, '0 to 1')
+        _require('max_error', self.max_error, 0.0 < self.max_error <= 50.0, '0 to 50 pixels')
+        _require('window', self.window, 1.0 <= self.window <= 5.0, '1 to 5')
+        _require('max_sigma', self.max_sigma, 1.0 <= self.max_sigma <= 50.0, '1 to 50 pixels')
+        odd = self.smoothing % 2 == 1 and 1 <= self.smoothing <= 31
+        _require('smoothing', self.smoothing, odd, 'odd, 1 to 31')
+
+
+def _require(name: str, value: float, fits: bool, allowed: str) -> None:
+    if not fits:
+        raise ParameterError(f'{name}: {value} is out of range; it must be {allowed}')
