@@ -62,6 +62,7 @@ setup(
         'numpy>=1.26',
         'open3d>=0.18',
         'opencv-python-headless>=4.8',
+        'pyserial>=3.5',
         'pyyaml>=6.0',
         'rich>=13.7',
         'rosbags>=0.10.11',
@@ -80,6 +81,7 @@ setup(
             'setuptools>=70.1',
             'trimesh>=4.0',
             'types-PyYAML',
+            'types-pyserial',
         ],
     },
     entry_points={
