@@ -8,6 +8,9 @@ BIN := $(VENV)/bin
 # Written last, so that an interrupted installation is taken up again.
 READY := $(VENV)/ready
 
+# The wheels of ROS look here for their message types; a sourced workspace comes first.
+export AMENT_PREFIX_PATH := $(if $(AMENT_PREFIX_PATH),$(AMENT_PREFIX_PATH):)$(CURDIR)/$(VENV)
+
 # What the wheel of Open3D links against without bringing it, as library:package of Debian.
 LIBRARIES := \
 	libEGL.so.1:libegl1 \
@@ -34,7 +37,7 @@ $(READY): setup.py
 	@$(check_python)
 	@$(install_libraries)
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[ros,test]'
 	@$(BIN)/python -c 'import cv2, open3d' || { \
 		echo 'make env: OpenCV or Open3D is installed but does not load (see above)' >&2; \
 		exit 1; }

@@ -71,6 +71,11 @@ setup(
     ],
     # What judges style and types is pinned: another version would judge otherwise.
     extras_require={
+        # In a ROS workspace these are there already; beside it, wheels of Jazzy stand in.
+        'ros': [
+            'ros-jazzy-common-interfaces>=5.3',
+            'ros-jazzy-rclpy[fastrtps]>=7.1',
+        ],
         'test': [
             'colcon-common-extensions>=0.3',
             'mcap-ros2-support>=0.5',
