@@ -92,3 +92,47 @@ class CameraLostError(DeviceError):
     """The camera cannot be opened, or gives no pictures any more."""
 
     code = 'CAMERA_LOST'
+
+
+class BusyError(ScanError):
+    """A scan is running, and only one can."""
+
+    code = 'BUSY'
+
+
+class StateError(ScanError):
+    """What was asked for is not possible at this stage of a scan, or without one."""
+
+    code = 'WRONG_STATE'
+
+
+class CancelledError(ScanError):
+    """A scan was ended before its time because somebody asked for it."""
+
+    code = 'CANCELLED'
+
+
+class TimeoutExceededError(ScanError):
+    """Something did not happen before its deadline."""
+
+    code = 'TIMEOUT'
+
+
+class CatalogueError(FileError):
+    """The catalogue of scans cannot be read or written, or does not know a scan."""
+
+    code = 'BAD_CATALOGUE'
+
+
+class HelperError(ScanError):
+    """
+    A part of the cell is missing, silent, or answered that it could not do its work.
+
+    code : of the part that knows best what went wrong, such as CAMERA_LOST
+    """
+
+    code = 'HELPER'
+
+    def __init__(self, code: str, detail: str) -> None:
+        super().__init__(detail)
+        self.code = code

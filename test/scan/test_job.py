@@ -1,0 +1,164 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+import asyncio
+
+import pytest
+
+from ivfmc_ros.errors import HelperError
+from ivfmc_ros.scan.job import run_job
+from ivfmc_ros.scan.machine import Machine
+from ivfmc_ros.scan.machine import Stage
+from ivfmc_ros.scan.plan import make_plan
+from ivfmc_ros.scan.plan import Motion
+from ivfmc_ros.scan.request import ScanRequest
+
+MOTION = Motion()
+
+
+class FakeTools:
+    """Writes down what it is told; ``at`` maps what it does to a function that is called then."""
+
+    def __init__(self, machine, at=None):
+        self.machine = machine
+        self.done = []
+        self.lit = None
+        self._at = at or {}
+
+    def _do(self, *what):
+        self.done.append(what)
+        self._at.get(what[0], lambda: None)()
+
+    async def prepare(self):
+        self._do('prepare')
+
+    async def select(self, sweep):
+        self._do('select', sweep.views)
+
+    async def move(self, position, velocity):
+        self._do('move', round(position, 6), round(velocity, 6))
+
+    async def light(self, laser):
+        self.lit = laser
+        self._do('light', laser)
+
+    def dark(self):
+        self.lit = None
+
+    async def profile_at(self, view, angle):
+        self._do('profile', view, round(angle, 6))
+
+    async def settled(self, sweep):
+        self._do('settled')
+
+    async def resumed(self):
+        assert self.lit is None
+        self._do('resumed')
+
+    async def recorded(self):
+        self._do('recorded')
+
+    async def register(self):
+        self._do('register')
+        return {'views': 2}
+
+    async def build(self):
+        self._do('build')
+        return {'faces': 12}
+
+    async def finish(self, outcome):
+        self._do('finish', outcome.code)
+
+    async def halt(self, outcome):
+        self._do('halt', outcome.code)
+
+    def names(self):
+        return [what[0] for what in self.done]
+
+
+def run(at=None, **values):
+    machine = Machine()
+    stages = []
+    machine._changed = stages.append
+    tools = FakeTools(machine, at)
+    plan = make_plan(ScanRequest(**values), ('left', 'right'), MOTION)
+    outcome = asyncio.run(run_job(machine, plan, MOTION, tools))
+    return tools, outcome, stages
+
+
+def test_step_scan_stops_for_every_profile():
+    tools, outcome, stages = run(motion='step', profiles=3)
+    assert outcome.code == 'OK'
+    assert outcome.mesh == {'faces': 12}
+    assert [what[1] for what in tools.done if what[0] == 'light'] == [
+        'left', 'right', 'right', 'left', 'left', 'right',
+    ]  # fmt: skip
+    assert [what[1] for what in tools.done if what[0] == 'profile'] == [0, 1, 1, 0, 0, 1]
+    assert tools.names()[-4:] == ['recorded', 'register', 'build', 'finish']
+    assert stages[-1] is Stage.DONE
+    assert set(outcome.seconds) == {
+        'preparing', 'scanning', 'registering', 'meshing', 'finishing',
+    }  # fmt: skip
+
+
+def test_continuous_scan_has_lead_in_and_lead_out():
+    tools, _, _ = run(profiles=200)
+    moves = [what[1:] for what in tools.done if what[0] == 'move']
+    assert len(moves) == 4
+    begin, end = moves[0][0], moves[1][0]
+    assert end - begin > 6.2832
+    assert moves[1][1] == pytest.approx(0.314159)
+    assert moves[2][0] >= end - 2e-3
+    assert tools.names()[:5] == ['prepare', 'select', 'move', 'light', 'move']
+
+
+@pytest.mark.parametrize('where', ['prepare', 'move', 'light', 'settled', 'register', 'build'])
+def test_lasers_are_off_after_every_failure(where):
+    def fail():
+        raise HelperError('CAMERA_LOST', 'no sign of life')
+
+    tools, outcome, stages = run({where: fail})
+    assert outcome.code == 'CAMERA_LOST'
+    assert tools.lit is None
+    assert tools.done[-1] == ('halt', 'CAMERA_LOST')
+    assert stages[-1] is Stage.FAILED
+
+
+def test_error_that_nobody_thought_of_is_one_of_ours():
+    def fail():
+        raise ZeroDivisionError('oh')
+
+    tools, outcome, stages = run({'register': fail})
+    assert outcome.code == 'INTERNAL'
+    assert 'ZeroDivisionError: oh' in outcome.detail
+    assert (tools.lit, stages[-1]) == (None, Stage.FAILED)
+
+
+def _run_with(machine_does, **values):
+    machine = Machine()
+    tools = FakeTools(machine, {'profile': lambda: machine_does(machine)})
+    tools._at['resumed'] = machine.resume
+    plan = make_plan(ScanRequest(**values), ('left', 'right'), MOTION)
+    stages = []
+    machine._changed = stages.append
+    return tools, asyncio.run(run_job(machine, plan, MOTION, tools)), stages
+
+
+def test_cancel_ends_the_scan():
+    tools, outcome, stages = _run_with(Machine.cancel, motion='step', profiles=5)
+    assert outcome.code == 'CANCELLED'
+    assert tools.names().count('profile') == 2
+    assert (tools.lit, stages[-1]) == (None, Stage.CANCELLED)
+
+
+def test_paused_scan_goes_on_where_it_was():
+    once = []
+
+    def pause(machine):
+        if not once:
+            once.append(True)
+            machine.pause()
+
+    tools, outcome, stages = _run_with(pause, motion='step', profiles=4)
+    assert outcome.code == 'OK'
+    assert tools.names().count('profile') == 8
+    assert stages.count(Stage.PAUSED) == 1

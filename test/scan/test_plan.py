@@ -1,0 +1,83 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+import math
+
+import pytest
+
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.scan.plan import make_plan
+from ivfmc_ros.scan.plan import Motion
+from ivfmc_ros.scan.request import ScanRequest
+
+LASERS = ('left', 'right')
+TURN = 2.0 * math.pi
+
+
+def plan(position=0.0, motion_of_table=None, **values):
+    request = ScanRequest(**values)
+    return make_plan(request, LASERS, motion_of_table or Motion(), position)
+
+
+def test_lasers_take_turns_at_every_stop():
+    made = plan(motion='step', profiles=4)
+    (sweep,) = made.sweeps
+    assert sweep.views == (0, 1)
+    assert sweep.lasers == LASERS
+    assert sweep.velocity == 0.0
+    assert sweep.angles() == pytest.approx([0.0, TURN / 4, TURN / 2, 3 * TURN / 4])
+    assert (made.views, made.profiles) == (2, 8)
+
+
+def test_each_laser_takes_a_sweep_in_continuous_motion():
+    made = plan(profiles=200)
+    assert [sweep.views for sweep in made.sweeps] == [(0, -1), (-1, 1)]
+    assert [sweep.lasers for sweep in made.sweeps] == [('left',), ('right',)]
+    assert made.sweeps[0].velocity == pytest.approx(TURN / 200 * 10.0)
+
+
+def test_one_laser_keeps_its_place_in_the_cell():
+    assert [sweep.views for sweep in plan(lasers=('right',)).sweeps] == [(-1, 0)]
+
+
+def test_sweeps_of_a_turn_overlap():
+    made = plan(motion='step', views=3, overlap=0.2, profiles=10)
+    assert [sweep.views for sweep in made.sweeps] == [(0, 1), (2, 3), (4, 5)]
+    assert all(sweep.span == pytest.approx(TURN / 3 + 0.2) for sweep in made.sweeps)
+
+
+def test_single_sweep_reaches_beyond_the_turn():
+    assert plan(overlap=0.3).sweeps[0].span == pytest.approx(TURN + 0.3)
+
+
+@pytest.mark.parametrize('motion', ['step', 'continuous'])
+def test_table_only_turns_forward(motion):
+    table = Motion()
+    place = 17.3
+    for sweep in plan(place, table, motion=motion, views=3, overlap=0.2).sweeps:
+        begin = sweep.start - sweep.lead(table)
+        assert place - 2e-3 <= begin <= place + TURN
+        assert (sweep.start / (TURN / 3)) == pytest.approx(round(sweep.start / (TURN / 3)))
+        place = sweep.start + sweep.span
+
+
+def test_constant_speed_is_reached_before_the_first_profile():
+    table = Motion(acceleration=2.0, lead_time=0.5)
+    sweep = plan(motion_of_table=table).sweeps[0]
+    ramp = sweep.velocity**2 / (2 * table.acceleration)
+    assert sweep.lead(table) == pytest.approx(ramp + 0.5 * sweep.velocity)
+
+
+def test_unknown_laser_is_refused():
+    with pytest.raises(ParameterError, match=r"'top' is not in the cell; it has left, right"):
+        plan(lasers=('top',))
+
+
+def test_sweep_faster_than_the_table_is_refused():
+    with pytest.raises(ParameterError, match='ask for 42 or more'):
+        plan(profiles=10)
+
+
+@pytest.mark.parametrize('value', [0.0, -1.0, math.nan, math.inf])
+def test_motion_that_is_no_positive_number_is_refused(value):
+    with pytest.raises(ParameterError, match='velocity'):
+        Motion(velocity=value)
