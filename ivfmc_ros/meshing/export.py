@@ -31,10 +31,9 @@ def write_mesh(path: Path, mesh: Mesh, unit: str = 'mm') -> None:
     write = _WRITERS.get(path.suffix.lower())
     if write is None:
         raise ParameterError(f'{path}: {path.suffix!r} is not one of {", ".join(_WRITERS)}')
-    if unit not in UNITS:
-        raise ParameterError(f'export_unit: {unit!r} is not one of {", ".join(UNITS)}')
+    scale = _scale(unit)
     with files.whole_file(path) as temporary, temporary.open('wb') as stream:
-        write(stream, mesh, mesh.vertices_xyz * UNITS[unit], unit)
+        write(stream, mesh, mesh.vertices_xyz * scale, unit)
 
 
 def write_solid(path: Path, vertices_xyz: Floats, faces: Ints, unit: str = 'mm') -> None:
@@ -54,13 +53,20 @@ def write_cloud(path: Path, points_xyz: Floats, sigma: Floats, unit: str = 'mm')
     """
     Write (n, 3) points with their (n,) 1 sigma, both metres, as binary PLY.
 
+    :raises ParameterError: unknown unit
     :raises FileError: the file cannot be written
     """
-    scale = UNITS[unit]
+    scale = _scale(unit)
     table = np.column_stack([points_xyz * scale, sigma * scale]).astype('<f4')
     with files.whole_file(path) as temporary, temporary.open('wb') as stream:
         stream.write(_ply_header(('x', 'y', 'z', 'sigma'), len(table), 0, unit))
         stream.write(table.tobytes())
+
+
+def _scale(unit: str) -> float:
+    if unit not in UNITS:
+        raise ParameterError(f'export_unit: {unit!r} is not one of {", ".join(UNITS)}')
+    return UNITS[unit]
 
 
 def _stl(stream: BinaryIO, mesh: Mesh, vertices: Floats, unit: str) -> None:

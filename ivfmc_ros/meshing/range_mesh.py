@@ -54,7 +54,8 @@ def _grid_faces(index: Ints, used: Bools, points: Floats) -> Ints:
     with np.errstate(invalid='ignore'):
         ae = ((points[a] - points[e]) ** 2).sum(axis=1)
         bd = ((points[b] - points[d]) ** 2).sum(axis=1)
-        split_ae = (ae <= bd) | ~(used[b] & used[d])
+        # a diagonal needs both of its ends
+        split_ae = ((ae <= bd) & used[a] & used[e]) | ~(used[b] & used[d])
     cell = np.stack([a, b, d, e], axis=1)
     along_ae = np.concatenate([cell[split_ae][:, [0, 1, 3]], cell[split_ae][:, [0, 3, 2]]])
     along_bd = np.concatenate([cell[~split_ae][:, [0, 1, 2]], cell[~split_ae][:, [1, 3, 2]]])
