@@ -25,10 +25,12 @@ def summarise(distances: Floats) -> Deviation:
     """
     Sum up (n,) signed distances in metres.
 
-    :raises GeometryError: there is none
+    :raises GeometryError: there is none, or one is not finite
     """
     if not len(distances):
         raise GeometryError('deviation: no point to compare')
+    if not np.isfinite(distances).all():
+        raise GeometryError('deviation: a distance is not finite; remove invalid points first')
     size = np.abs(distances)
     return Deviation(
         count=len(distances),

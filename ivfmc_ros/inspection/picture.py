@@ -95,7 +95,9 @@ def draw_cloud(points_xyz: Floats, values: Floats, viewpoint: Viewpoint) -> Pict
     values : (n,) what the colour shows; spread over its 2 % to 98 % range
     """
     picture: Any = np.full((viewpoint.height, viewpoint.width, 3), int(_PAPER), dtype=np.uint8)
-    low, high = np.percentile(values, [2, 98]) if len(values) else (0.0, 1.0)
+    if not len(points_xyz):
+        return np.asarray(picture, dtype=np.uint8)
+    low, high = np.percentile(values, [2, 98])
     grey = np.clip((values - low) / max(high - low, 1e-12), 0.0, 1.0) * 255.0
     colours = cv2.applyColorMap(grey.astype(np.uint8).reshape(-1, 1), cv2.COLORMAP_VIRIDIS)
     column, row, height = viewpoint.pixels(points_xyz)
@@ -115,5 +117,7 @@ def write_sheet(path: Path, tiles: list[list[Picture]]) -> None:
     :raises FileError: it cannot be written
     """
     sheet = np.concatenate([np.concatenate(row, axis=1) for row in tiles], axis=0)
+    # imwrite says False where a disk is full, and leaves an empty file
+    _, encoded = cv2.imencode('.png', sheet)
     with files.whole_file(path) as temporary:
-        cv2.imwrite(str(temporary), sheet)
+        temporary.write_bytes(encoded.tobytes())

@@ -5,6 +5,7 @@
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import asdict
+from datetime import date
 from datetime import datetime
 from datetime import UTC
 import json
@@ -45,7 +46,7 @@ def residuals(cell: Cell, views: Sequence[View], verdicts: Sequence[Verdict]) ->
             'p95': float(np.percentile(sigma, 95)),
         },
         'registration': [asdict(verdict) for verdict in verdicts],
-        'registration_checked': any(verdict.overlap > 0.0 for verdict in verdicts),
+        'registration_checked': any(verdict.checked for verdict in verdicts),
     }
 
 
@@ -62,6 +63,8 @@ def _plain(value: Any) -> Any:
         return [_plain(item) for item in value]
     if isinstance(value, np.ndarray | np.generic):
         return _plain(value.tolist())
+    if isinstance(value, date):  # YAML makes one of what a cell notes; a datetime is one too
+        return value.isoformat()
     if isinstance(value, Path):
         return str(value)
     return None if isinstance(value, float) and not math.isfinite(value) else value

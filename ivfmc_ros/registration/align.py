@@ -46,6 +46,11 @@ class Verdict:
     rotation: float = 0.0
     translation: float = 0.0
 
+    @property
+    def checked(self) -> bool:
+        """Enough surface was shared with the views before it to tell where it belongs."""
+        return self.overlap >= _MIN_OVERLAP
+
 
 def align(
     views: Sequence[View], method: str, reach: float = 1.5e-3
