@@ -54,6 +54,8 @@ class Frame:
     def __post_init__(self) -> None:
         if not (self.image.ndim == 2 or (self.image.ndim == 3 and self.image.shape[2] == 3)):
             raise ValueError(f'image has shape {self.image.shape}, expected (h, w) or (h, w, 3)')
+        if self.image.dtype not in (np.uint8, np.uint16):
+            raise ValueError(f'image has pixels of {self.image.dtype}, expected uint8 or uint16')
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import replace
 from itertools import islice
+import math
 
 import numpy as np
 
 from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.errors import NoStripeError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.meshing.export import UNITS
@@ -65,6 +67,11 @@ class Settings:
         if self.registration not in METHODS:
             known = ', '.join(METHODS)
             raise ParameterError(f'registration: {self.registration!r} is not one of {known}')
+        if not 1 <= self.island_least <= 1_000_000:
+            raise ParameterError(
+                f'island_least: {self.island_least} is out of range; '
+                'it must be 1 to 1000000 points'
+            )
         if self.max_edge is not None and not 0.0 < self.max_edge <= 1.0:
             raise ParameterError(
                 f'max_edge: {self.max_edge} m is out of range; it must be 0 to 1 m'
@@ -114,13 +121,12 @@ def reconstruct(
     settings = settings or Settings()
     watch = Stopwatch()
     acquisition = Acquisition(cell, settings.acquisition)
-    samples: list[tuple[Frame, Profile]] = []
+    samples = _Samples()
     profiles = []
     for frame in _sampled_first(acquisition, watch.each('read', frames)):
         with watch.stage('acquisition'):
             profiles.append(acquisition.profile(frame))
-        if frame.seq % max(1, total // _SHOWN_PICTURES) == 0:
-            samples.append((frame, profiles[-1]))
+        samples.add(frame, profiles[-1])
         progress('profiles', len(profiles), max(total, len(profiles)))
     _require_stripe(profiles)
     counts = acquisition.counts.as_dict()
@@ -134,12 +140,12 @@ def reconstruct(
         poses, verdicts = align(views, settings.registration)
     with watch.stage('meshing'):
         progress('meshing', 0, 1)
-        max_edge = settings.max_edge or _REACH * max(sweeps.spacing(view) for view in views)
+        max_edge = settings.max_edge or _usual_edge(views, settings)
         mesh = join_views(cell, views, poses, max_edge)
     counts.update(views=len(views), vertices=len(mesh.vertices_xyz), faces=len(mesh.faces))
     progress('done', 1, 1)
     return Reconstruction(
-        samples=samples[:_SHOWN_PICTURES],
+        samples=samples.shown(),
         views=views,
         poses=poses,
         verdicts=verdicts,
@@ -148,6 +154,26 @@ def reconstruct(
         counts=counts,
         seconds=watch.seconds,
     )
+
+
+class _Samples:
+    """Keeps some of the pictures, evenly, however many come: all of them need gigabytes."""
+
+    def __init__(self) -> None:
+        self._kept: list[tuple[Frame, Profile]] = []
+        self._stride = 1
+        self._count = 0
+
+    def add(self, frame: Frame, profile: Profile) -> None:
+        if self._count % self._stride == 0:
+            self._kept.append((frame, profile))
+        self._count += 1
+        if len(self._kept) > 2 * _SHOWN_PICTURES:
+            self._kept = self._kept[::2]
+            self._stride *= 2
+
+    def shown(self) -> list[tuple[Frame, Profile]]:
+        return self._kept[:: max(1, math.ceil(len(self._kept) / _SHOWN_PICTURES))]
 
 
 def _sampled_first(acquisition: Acquisition, frames: Iterator[Frame]) -> Iterator[Frame]:
@@ -159,11 +185,23 @@ def _sampled_first(acquisition: Acquisition, frames: Iterator[Frame]) -> Iterato
 
 
 def _require_stripe(profiles: Sequence[Profile]) -> None:
+    if not profiles:
+        raise NoStripeError('the scan has no pictures')
     if not any(len(profile) for profile in profiles):
         raise NoStripeError(
             f'the stripe is seen in none of the {len(profiles)} pictures; check the laser, the '
             'working volume (radius, bottom, top) and min_contrast'
         )
+
+
+def _usual_edge(views: Sequence[View], settings: Settings) -> float:
+    known = [s for s in map(sweeps.spacing, views) if math.isfinite(s)]
+    if not known:
+        raise GeometryError(
+            f'views: no piece of surface has {settings.island_least} points that hang together; '
+            'scan in finer steps or lower island_least'
+        )
+    return _REACH * max(known)
 
 
 def _without_islands(view: View, settings: Settings) -> View:
