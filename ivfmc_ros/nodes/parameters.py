@@ -1,0 +1,234 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of a node: typed, described, ranged; refused by name where they make no sense."""
+
+from collections.abc import Callable
+from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import fields
+from dataclasses import is_dataclass
+from dataclasses import replace
+import math
+import re
+from typing import Any
+from typing import get_type_hints
+from typing import TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange
+from rcl_interfaces.msg import IntegerRange
+from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.errors import ScanError
+
+# Namespace of a cell unless the command line names another.
+NAMESPACE = '/ivfmc'
+
+Settings = TypeVar('Settings')
+Check = Callable[[Mapping[str, Any]], None]
+
+_ARRAYS = {
+    bool: Parameter.Type.BOOL_ARRAY,
+    int: Parameter.Type.INTEGER_ARRAY,
+    float: Parameter.Type.DOUBLE_ARRAY,
+    str: Parameter.Type.STRING_ARRAY,
+}
+
+
+class ParameterNode(Node):
+    """A node whose parameters are checked before they are set."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name, namespace=NAMESPACE)
+        self._choices: dict[str, tuple[Any, ...]] = {}
+        self._endless: set[str] = set()
+        self._checks: list[Check] = []
+        self.add_on_set_parameters_callback(self._judge)
+
+    def parameter(  # noqa: PLR0913 - one argument a property
+        self,
+        name: str,
+        default: Any,
+        description: str,
+        *,
+        low: float | None = None,
+        high: float | None = None,
+        choices: Sequence[Any] | None = None,
+        read_only: bool = False,
+        kind: type | None = None,
+        constraints: str = '',
+    ) -> Any:
+        """
+        Declare a parameter and return its value.
+
+        low, high : bounds that are allowed themselves; both or none
+        kind : type of the elements, where ``default`` is an empty list
+        constraints : in words, what ``check`` refuses
+        :raises ParameterError: the command line gives it a value that it cannot have
+        """
+        if choices is not None:
+            self._choices[name] = tuple(choices)
+            constraints = constraints or f'one of {", ".join(map(str, choices))}'
+        if high is not None and math.isinf(high):
+            self._endless.add(name)
+        descriptor = ParameterDescriptor(
+            description=description,
+            read_only=read_only,
+            additional_constraints=constraints,
+        )
+        if low is not None and high is not None:
+            _set_range(descriptor, default, low, high)
+        try:
+            self._declare(name, default, descriptor, kind)
+        except Exception as error:
+            raise ParameterError(f'{self.get_name()}: parameter {name}: {error}') from error
+        return self.get(name)
+
+    def _declare(
+        self, name: str, default: Any, descriptor: ParameterDescriptor, kind: type | None
+    ) -> None:
+        if isinstance(default, list | tuple):
+            array = _ARRAYS[kind or type(default[0])]
+            # the type of an empty list cannot be seen: rclpy takes it for bytes
+            self.declare_parameter(name, array, descriptor)
+            given = self.get_parameter_or(name, Parameter(name)).value
+            if not given:
+                self.set_parameters([Parameter(name, array, list(default))])
+        else:
+            self.declare_parameter(name, default, descriptor)
+
+    def get(self, name: str) -> Any:
+        """Return the value of a parameter; arrays as a list."""
+        value = self.get_parameter(name).value
+        plain = value is None or isinstance(value, bool | int | float | str)
+        return value if plain else list(value)
+
+    def check(self, function: Check) -> None:
+        """
+        Let ``function`` see all values (name to value) before any of them is changed.
+
+        A ScanError that it raises refuses the change, and its text is the reason.
+        """
+        self._checks.append(function)
+
+    def changed(self, function: Callable[[set[str]], None]) -> None:
+        """Call ``function`` with the names of parameters that have been set."""
+        self.add_post_set_parameters_callback(
+            lambda parameters: function({parameter.name for parameter in parameters})
+        )
+
+    def settings(
+        self,
+        defaults: Settings,
+        prefix: str = '',
+        ranges: Mapping[str, tuple[float, float]] | None = None,
+    ) -> Callable[[], Settings]:
+        """
+        Declare every field of a frozen dataclass, nested ones with dots in their names.
+
+        Descriptions are those of its docstring ('name : text'). A number that may be None is
+        0.0 for None.
+
+        prefix : before every name
+        ranges : name -> (low, high); what its ``__post_init__`` refuses is refused anyway
+        returns : a function that builds the dataclass from the parameters as they are
+        :raises ParameterError: the command line gives values that do not go together
+        """
+        leaves = _leaves(defaults, prefix)
+        for name, (default, description) in leaves.items():
+            low, high = (ranges or {}).get(name, (None, None))
+            value = 0.0 if default is None else default
+            words = 'checked together with its group when it is set'
+            self.parameter(name, value, description, low=low, high=high, constraints=words)
+
+        def build(values: Mapping[str, Any]) -> Settings:
+            return _built(defaults, prefix, values)
+
+        def current() -> Settings:
+            return build({name: self.get(name) for name in leaves})
+
+        current()
+        self.check(lambda values: void(build(values)))
+        return current
+
+    def _judge(self, parameters: list[Parameter]) -> SetParametersResult:
+        try:
+            for parameter in parameters:
+                self._require_possible(parameter.name, parameter.value)
+            if self._checks:
+                values = {name: self.get(name) for name in self._parameters}
+                values.update({p.name: p.value for p in parameters})
+                for function in self._checks:
+                    function(values)
+        except ScanError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _require_possible(self, name: str, value: Any) -> None:
+        numbers = value if not isinstance(value, str | bytes | None) else ()
+        for number in numbers if hasattr(numbers, '__iter__') else (numbers,):
+            finite = not isinstance(number, float) or math.isfinite(number)
+            endless = name in self._endless and number == math.inf
+            if not finite and not endless:
+                raise ParameterError(f'{name}: {number} is not a finite number')
+        allowed = self._choices.get(name)
+        if allowed is not None and value not in allowed:
+            known = ', '.join(map(str, allowed))
+            raise ParameterError(f'{name}: {value!r} is not one of {known}')
+
+
+def void(_: object) -> None:
+    """Do nothing with a result that only had to be possible."""
+
+
+def _set_range(descriptor: ParameterDescriptor, default: Any, low: float, high: float) -> None:
+    if isinstance(default, float):
+        bounds = FloatingPointRange(from_value=float(low), to_value=float(high))
+        descriptor.floating_point_range = [bounds]
+    elif isinstance(default, int) and not isinstance(default, bool):
+        descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
+
+
+def _leaves(settings: Any, prefix: str) -> dict[str, tuple[Any, str]]:
+    """Return the default and the description of every field that is no group, by dotted name."""
+    words = _descriptions(type(settings))
+    kinds = get_type_hints(type(settings))
+    found: dict[str, tuple[Any, str]] = {}
+    for field in fields(settings):
+        value = getattr(settings, field.name)
+        name = f'{prefix}{field.name}'
+        if is_dataclass(value):
+            found.update(_leaves(value, f'{name}.'))
+        elif isinstance(value, bool | int | float | str) or kinds[field.name] == float | None:
+            found[name] = (value, words.get(field.name, _first_line(type(settings))))
+    return found
+
+
+def _built(defaults: Settings, prefix: str, values: Mapping[str, Any]) -> Settings:
+    changes: dict[str, Any] = {}
+    for field in fields(defaults):  # type: ignore[arg-type]
+        value = getattr(defaults, field.name)
+        name = f'{prefix}{field.name}'
+        if is_dataclass(value):
+            changes[field.name] = _built(value, f'{name}.', values)
+        elif name in values:
+            unset = value is None and values[name] == 0.0
+            changes[field.name] = None if unset else values[name]
+    return replace(defaults, **changes)  # type: ignore[type-var]
+
+
+def _first_line(kind: type) -> str:
+    text = (kind.__doc__ or kind.__name__).strip()
+    return ' '.join(text.split('\n\n')[0].split())
+
+
+def _descriptions(kind: type) -> dict[str, str]:
+    """Read 'name, other : text' lines, with what is indented below them, of a docstring."""
+    found: dict[str, str] = {}
+    pattern = r'^ {4}(\w+(?:, \w+)*) : (.*(?:\n {6,}\S.*)*)'
+    for names, text in re.findall(pattern, kind.__doc__ or '', re.MULTILINE):
+        found.update(dict.fromkeys(names.split(', '), ' '.join(text.split())))
+    return found
