@@ -58,7 +58,7 @@ setup(
     install_requires=[
         'click>=8.1',
         'matplotlib>=3.6',
-        'mcap>=1.1',
+        'mcap>=1.6',
         'numpy>=1.26',
         'open3d>=0.18',
         'opencv-python-headless>=4.8',
@@ -67,6 +67,7 @@ setup(
         'rich>=13.7',
         'rosbags>=0.10.11',
         'scipy>=1.11',
+        'sqlalchemy>=1.4.50',
         'zstandard>=0.20',
     ],
     # What judges style and types is pinned: another version would judge otherwise.
