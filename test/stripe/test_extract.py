@@ -167,9 +167,12 @@ def test_sixteen_bits_are_measured_as_eight():
     sixteen = eight.astype(np.uint16) * 257
     a, b = extract(eight), extract(sixteen)
     assert np.array_equal(a.uv[:, 1], b.uv[:, 1])
-    for name in FIELDS:
-        # the peak is searched in a smoothed picture, rounded to its own grey values
-        assert np.allclose(getattr(a, name), getattr(b, name), atol=0.02, rtol=0.02)
+    # the peak is searched in a smoothed picture, rounded to its own grey values: a few rows are
+    # fitted from another start
+    assert np.abs(a.uv - b.uv).max() < 0.02
+    assert np.percentile(np.abs(a.uv - b.uv), 90) < 1e-3
+    for name in FIELDS[1:]:
+        assert np.allclose(getattr(a, name), getattr(b, name), rtol=0.05)
 
 
 @pytest.mark.parametrize('mirrored', [False, True])
