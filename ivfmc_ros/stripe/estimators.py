@@ -4,6 +4,7 @@
 
 from collections.abc import Callable
 
+from ivfmc_ros.stripe import classic
 from ivfmc_ros.stripe import gaussian
 from ivfmc_ros.stripe.noise import Noise
 from ivfmc_ros.stripe.patches import Estimate
@@ -11,6 +12,12 @@ from ivfmc_ros.stripe.patches import Patches
 
 Estimator = Callable[[Patches, Noise], Estimate]
 
+DEFAULT = 'gaussian'
+
 METHODS: dict[str, Estimator] = {
-    'gaussian': gaussian.fit,
+    'paper': classic.brightest,
+    'centre_of_mass': classic.centre_of_mass,
+    'zero_crossing': classic.zero_crossing,
+    'log_gaussian': classic.log_gaussian,
+    DEFAULT: gaussian.fit,
 }

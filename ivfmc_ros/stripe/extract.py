@@ -7,6 +7,8 @@ Peaks that stand out of the noise are found in every row, where a row has severa
 the stripe decides, and the place of the chosen one is estimated from the pixels around it.
 """
 
+from collections.abc import Iterator
+from dataclasses import fields
 from typing import cast
 
 import cv2
@@ -21,7 +23,9 @@ from ivfmc_ros.model import Singles
 from ivfmc_ros.stripe import channel
 from ivfmc_ros.stripe import path
 from ivfmc_ros.stripe import peaks
+from ivfmc_ros.stripe import trust
 from ivfmc_ros.stripe.estimators import METHODS
+from ivfmc_ros.stripe.noise import Noise
 from ivfmc_ros.stripe.patches import Estimate
 from ivfmc_ros.stripe.patches import Patches
 from ivfmc_ros.stripe.settings import ExtractSettings
@@ -35,6 +39,10 @@ _LOOK = 4.0
 _LOOK_AGAIN = 7.0
 # Rows whose stripe is wider than this many medians are measured apart, in a wider patch.
 _USUAL = 1.4
+# What is left of a row without its stripe must be less than this share of the stripe.
+_LIKE_A_STRIPE = 3.0
+# So many sigmas of a stripe, left and right, must be on the picture.
+_WHOLE = 2.2
 
 
 def extract(
@@ -70,6 +78,48 @@ def _swapped(stripe: Stripe) -> Stripe:
 
 
 def _extract_rows(grey: Image, settings: ExtractSettings, mask: Bools | None) -> Stripe:
+    rows, u, estimate = _estimates(grey, settings, mask)
+    sigma = estimate.sigma
+    if settings.doubt:
+        sigma = np.hypot(sigma, trust.doubt(rows, u, estimate))
+    found = Stripe(
+        uv=np.stack([u, rows], axis=1),
+        intensity=estimate.height,
+        width=estimate.width,
+        sigma=sigma,
+    )
+    return found[sigma <= settings.max_error]
+
+
+def _estimates(
+    grey: Image, settings: ExtractSettings, mask: Bools | None
+) -> tuple[Ints, Floats, Estimate]:
+    """Return rows (ascending), columns and estimates of all that is a stripe."""
+    none = np.zeros(0)
+    parts = [(np.zeros(0, dtype=np.int64), none, Estimate(*[none] * len(fields(Estimate))))]
+    for rows, patches in stripe_patches(grey, settings, mask):
+        estimate = METHODS[settings.method](patches, settings.noise or Noise())
+        u = patches.column + estimate.place
+        # a stripe that the picture's border cuts is measured off its centre
+        half = _WHOLE * estimate.width
+        good = _is_stripe(patches, estimate, settings)
+        good &= (u - half >= -0.5) & (u + half <= grey.shape[1] - 0.5)
+        parts.append((rows[good], u[good], estimate[good]))
+    rows = np.concatenate([part[0] for part in parts])
+    order = np.argsort(rows)
+    u = np.concatenate([part[1] for part in parts])
+    return rows[order], u[order], Estimate.joined([part[2] for part in parts])[order]
+
+
+def stripe_patches(
+    grey: Image, settings: ExtractSettings, mask: Bools | None
+) -> Iterator[tuple[Ints, Patches]]:
+    """
+    Give the surroundings of the stripe's peak in every row that has one, narrow stripes first.
+
+    grey : (h, w), one stripe point a row; mask : (h, w) bool
+    yields : (n,) rows, and their patches
+    """
     scale = 255.0 / np.iinfo(grey.dtype).max
     noise = scale * peaks.picture_noise(grey) / np.sqrt(settings.smoothing)
     least = 0.5 * settings.min_contrast * 255.0
@@ -85,11 +135,11 @@ def _extract_rows(grey: Image, settings: ExtractSettings, mask: Bools | None) ->
     rows = np.flatnonzero(index >= 0)
     chosen = candidates[rows, index[rows]]
     limits = _valleys(candidates[rows], chosen)
-    parts = [
-        _measure(grey, scale, rows[part], chosen[part], limits[part], settings)
-        for part in _by_width(chosen.width)
-    ]
-    return _joined(parts)
+    for part in _by_width(chosen.width, settings.max_widening):
+        yield (
+            rows[part],
+            Patches.cut(grey, scale, rows[part], chosen[part], settings.window, limits[part]),
+        )
 
 
 def _valleys(candidates: peaks.Peaks, chosen: peaks.Peaks) -> Floats:
@@ -109,37 +159,14 @@ def _valleys(candidates: peaks.Peaks, chosen: peaks.Peaks) -> Floats:
     return limits
 
 
-def _by_width(width: Singles) -> list[Ints]:
+def _by_width(width: Singles, max_widening: float) -> list[Ints]:
     """Sort peaks into usual and wide ones, so that few wide ones do not cost all a wide patch."""
     if not len(width):
         return []
-    wide = width > _USUAL * np.median(width)
-    groups = [np.flatnonzero(~wide), np.flatnonzero(wide)]
+    usual = np.median(width)
+    wide = width > _USUAL * usual
+    groups = [np.flatnonzero(~wide), np.flatnonzero(wide & (width <= max_widening * usual))]
     return [group for group in groups if len(group)]
-
-
-def _measure(
-    grey: Image,
-    scale: float,
-    rows: Ints,
-    rough: peaks.Peaks,
-    limits: Floats,
-    settings: ExtractSettings,
-) -> Stripe:
-    patches = Patches.cut(grey, scale, rows, rough, settings.window, limits)
-    estimate = METHODS[settings.method](patches, settings.noise)
-    u = patches.column + estimate.place
-    sigma = np.hypot(estimate.sigma, estimate.doubt)
-    good = _is_stripe(patches, estimate, settings) & (sigma <= settings.max_error)
-    half = 2.2 * estimate.width
-    good &= (u - half >= -0.5) & (u + half <= grey.shape[1] - 0.5)
-    found = Stripe(
-        uv=np.stack([u, rows], axis=1),
-        intensity=estimate.height,
-        width=estimate.width,
-        sigma=sigma,
-    )
-    return found[good]
 
 
 def _is_stripe(patches: Patches, estimate: Estimate, settings: ExtractSettings) -> Bools:
@@ -148,17 +175,8 @@ def _is_stripe(patches: Patches, estimate: Estimate, settings: ExtractSettings) 
     # NaN fits nowhere
     return np.asarray(
         (estimate.snr >= settings.min_snr)
+        & (estimate.snr >= _LIKE_A_STRIPE * estimate.misfit)
         & (estimate.height >= settings.min_contrast * 255.0)
         & (estimate.width <= settings.max_sigma)
         & (moved <= 1.5 * rough.width + 1.0)
     )
-
-
-def _joined(parts: list[Stripe]) -> Stripe:
-    """Put the rows of several stripes together, in order."""
-    if not parts:
-        none = np.zeros(0)
-        return Stripe(uv=np.zeros((0, 2)), intensity=none, width=none, sigma=none)
-    names = ('uv', 'intensity', 'width', 'sigma')
-    arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    return Stripe(**arrays)[np.argsort(arrays['uv'][:, 1], kind='stable')]

@@ -16,11 +16,14 @@ import numpy as np
 
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Singles
+from ivfmc_ros.stripe import symmetric
 from ivfmc_ros.stripe.noise import Noise
 from ivfmc_ros.stripe.patches import Estimate
 from ivfmc_ros.stripe.patches import Patches
+from ivfmc_ros.stripe.patches import signal_to_noise
 
 _STEPS = 3
+_MANY_STEPS = 8
 # In the first steps a pixel brighter than the bell counts as noisy as its own brightness says:
 # where the bell starts too narrow, its dark flanks would seem to be known exactly.
 _CAUTIOUS = 2
@@ -33,8 +36,8 @@ _LEVEL_SIGMA = 4.0
 _LEVEL_SHARE = 0.1
 
 
-# Standard deviation of a bell's height with free place, width and level, for noise 1 and sigma 1.
-_HEIGHT_NOISE = 1.2
+# A pixel of which the fit takes more than this share tells nothing of its noise.
+_TAKEN = 0.7
 # Keeps the equations of a row with too few pixels solvable.
 _RIDGE = 1e-6
 
@@ -64,7 +67,7 @@ class _Fit:
         rough = patches.rough
         self._patches = patches
         self._noise = noise
-        self._powers: Singles = np.vander(patches.x, 5, increasing=True).astype(np.float32)
+        self.powers: Singles = np.vander(patches.x, 5, increasing=True).astype(np.float32)
         self._level = rough.level.astype(np.float64)
         share = np.maximum(_LEVEL_SHARE * rough.height, _LEVEL_SIGMA).astype(np.float64)
         self._level_weight = share**-2
@@ -76,16 +79,16 @@ class _Fit:
             [height + curvature * place**2, -2.0 * curvature * place, curvature, self._level]
         )
 
-    def run(self) -> _State:
+    def run(self, steps: int = _STEPS) -> _State:
         """Do a fixed number of steps; return the state that the last, small one started from."""
-        for step in range(_STEPS):
+        for step in range(steps):
             state = self._evaluate(cautious=step < _CAUTIOUS)
             self._move(state.step)
         return state
 
     def _evaluate(self, *, cautious: bool) -> _State:
         c = self.c.astype(np.float32).T
-        bell = np.exp(c[:, :3] @ self._powers[:, :3].T)
+        bell = np.exp(c[:, :3] @ self.powers[:, :3].T)
         above = self._patches.values - c[:, 3:]
         light = np.maximum(bell, above) if cautious else bell
         weight = self._patches.used / self._noise.variance(light + c[:, 3:], light)
@@ -95,18 +98,18 @@ class _Fit:
     def _solve(self, bell: Singles, weight: Singles, residual: Singles) -> tuple[Floats, Floats]:
         """Return covariance and step: the background is eliminated, the rest is 3 x 3."""
         by_bell = weight * bell
-        squares = _sums(by_bell * bell, self._powers)
-        mixed = _sums(by_bell, self._powers[:, :3])
-        pull = _sums(by_bell * residual, self._powers[:, :3])
+        squares = symmetric.sums(by_bell * bell, self.powers)
+        mixed = symmetric.sums(by_bell, self.powers[:, :3])
+        pull = symmetric.sums(by_bell * residual, self.powers[:, :3])
         total = np.einsum('ij->i', weight) + self._level_weight
         pull_level = np.einsum('ij,ij->i', weight, residual).astype(np.float64)
         pull_level += self._level_weight * (self._level - self.c[3])
         share = mixed / total
-        matrix = [squares[i + j] - mixed[i] * share[j] for i, j in _UPPER]
+        matrix = [squares[i + j] - mixed[i] * share[j] for i, j in symmetric.UPPER]
         for diagonal in (0, 3, 5):
             matrix[diagonal] += _RIDGE * (1.0 + matrix[diagonal])
-        covariance = _inverse(matrix)
-        step = _times(covariance, pull - share * pull_level)
+        covariance = symmetric.inverse(matrix)
+        step = symmetric.times(covariance, pull - share * pull_level)
         level_step = (pull_level - (mixed * step).sum(axis=0)) / total
         return covariance, np.concatenate([step, level_step[None]])
 
@@ -127,17 +130,38 @@ def fit(patches: Patches, noise: Noise) -> Estimate:
     place, width = -0.5 * c1 / c2, np.sqrt(-0.5 / c2)
     height = np.exp(np.minimum(c0 - 0.25 * c1**2 / c2, 20.0))
     # the place is a function of c: its variance is g' C g
-    sigma = _spread(state.covariance, np.stack([0.0 * c2, -0.5 / c2, 0.5 * c1 / c2**2]))
-    # of a stripe that is none: what the ground's noise lets the height of a fitted bell be
-    dark = np.sqrt(noise.variance(level, 0.0 * level) / width) * _HEIGHT_NOISE
+    sigma = symmetric.spread(state.covariance, np.stack([0.0 * c2, -0.5 / c2, 0.5 * c1 / c2**2]))
+    skew, skew_sigma = _skew(patches, state, place, width)
     return Estimate(
         place=place,
         width=width,
         height=height,
         sigma=sigma,
-        snr=height / (dark * _misfit(patches, state)),
-        doubt=_doubt(patches, state, place, width),
+        snr=signal_to_noise(height, width, level, noise),
+        misfit=_misfit(patches, state),
+        skew=skew,
+        skew_sigma=skew_sigma,
     )
+
+
+def _skew(patches: Patches, state: _State, place: Floats, width: Floats) -> tuple[Floats, Floats]:
+    """
+    Return how one-sided each stripe is, as a share of its height, and the 1 sigma of that.
+
+    It is the amplitude of an odd cubic in the residuals, made blind to what a shift of the
+    stripe would leave.
+    """
+    t = (patches.x - place[:, None].astype(np.float32)) / width[:, None].astype(np.float32)
+    square = t * t
+    by_bell = state.weight * state.bell
+    by_square = by_bell * state.bell * square
+    second = np.einsum('ij->i', by_square)
+    fourth = np.einsum('ij,ij->i', by_square, square)
+    odd = t * (square - (fourth / np.maximum(second, 1e-9))[:, None])
+    by_odd = by_bell * odd
+    power = np.maximum(np.einsum('ij,ij,ij->i', by_odd, odd, state.bell), 1e-9)
+    skew = np.einsum('ij,ij->i', by_odd, state.residual) / power
+    return skew.astype(np.float64), (power**-0.5).astype(np.float64)
 
 
 def _misfit(patches: Patches, state: _State) -> Floats:
@@ -147,36 +171,40 @@ def _misfit(patches: Patches, state: _State) -> Floats:
     return np.asarray(np.sqrt(np.maximum(chi2 - 3.0 * np.sqrt(2.0 / count), 1.0)))
 
 
-_UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """
+    What the fit leaves of pixels, (n,) each.
+
+    total, laser : grey values that the fitted stripe gives, with and without its ground
+    height : of the stripe, grey values; place : of the pixel, sigmas from the stripe's middle
+    residual : grey values, enlarged by what the fit itself has taken off them
+    """
+
+    total: Floats
+    laser: Floats
+    height: Floats
+    place: Floats
+    residual: Floats
 
 
-def _sums(values: Singles, powers: Singles) -> Floats:
-    """Return sums over the pixels of values times powers of x, (powers, n)."""
-    return np.asarray((values @ powers).T, dtype=np.float64, order='C')
-
-
-def _inverse(matrix: list[Floats]) -> Floats:
-    """Return the inverse of symmetric 3 x 3 matrices, both as their six upper entries."""
-    a, b, c, d, e, f = matrix
-    cofactors = np.stack(
-        [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b]
+def residuals(patches: Patches, noise: Noise) -> Residuals:
+    """Return the residuals of all pixels that tell something of the noise."""
+    rows = _Fit(patches, noise)
+    state = rows.run(_MANY_STEPS)
+    bell, weight = state.bell.astype(np.float64), state.weight.astype(np.float64)
+    powers = rows.powers[:, :3].astype(np.float64)
+    slopes = np.concatenate([bell[..., None] * powers, np.ones((*bell.shape, 1))], axis=2)
+    normal = np.einsum('nwi,nw,nwj->nij', slopes, weight, slopes)
+    normal[:, [0, 1, 2, 3], [0, 1, 2, 3]] *= 1.0 + _RIDGE
+    taken = weight * np.einsum('nwi,nij,nwj->nw', slopes, np.linalg.pinv(normal), slopes)
+    told = (patches.used > 0) & (taken < _TAKEN)
+    c0, c1, c2, level = rows.c[..., None]
+    height = np.exp(np.minimum(c0 - 0.25 * c1**2 / c2, 20.0)) + 0.0 * bell
+    return Residuals(
+        total=(bell + level)[told],
+        laser=bell[told],
+        height=height[told],
+        place=((patches.x + 0.5 * c1 / c2) * np.sqrt(-2.0 * c2))[told],
+        residual=(state.residual[told] / np.sqrt(1.0 - taken[told])).astype(np.float64),
     )
-    determinant = a * cofactors[0] + b * cofactors[1] + c * cofactors[2]
-    return np.asarray(cofactors / np.maximum(determinant, 1e-9 * a * d * f))
-
-
-def _times(matrix: Floats, vector: Floats) -> Floats:
-    """Return symmetric matrices (6, n) times vectors (3, n)."""
-    a, b, c, d, e, f = matrix
-    x, y, z = vector
-    return np.stack([a * x + b * y + c * z, b * x + d * y + e * z, c * x + e * y + f * z])
-
-
-def _spread(covariance: Floats, gradient: Floats) -> Floats:
-    """Return the 1 sigma of a function of c with this gradient (3, n)."""
-    variance = (gradient * _times(covariance, gradient)).sum(axis=0)
-    return np.asarray(np.sqrt(np.maximum(variance, 1e-12)))
-
-
-def _doubt(patches: Patches, state: _State, place: Floats, width: Floats) -> Floats:
-    return np.zeros(len(place))

@@ -2,7 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pixels around peaks, cut out so that all rows are measured at once."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from dataclasses import fields
+from typing import Any
 
 import numpy as np
 
@@ -11,10 +14,15 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Image
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
+from ivfmc_ros.stripe.noise import Noise
 from ivfmc_ros.stripe.peaks import Peaks
 
 # Grey values of 0 to 255 from which on a pixel counts as clipped.
 _FULL = 254.5
+# An uncertainty that says nothing, and with which sums can still be taken.
+UNTOLD = 1e3
+# Standard deviation of a bell's height with free place, width and level, for noise 1 and sigma 1.
+_HEIGHT_NOISE = 1.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +97,12 @@ def _grown(clipped: Bools) -> Bools:
     return grown
 
 
+def signal_to_noise(height: Floats, width: Floats, level: Floats, noise: Noise) -> Floats:
+    """Return the height over what the ground's noise makes of it where there is no stripe."""
+    ground = noise.variance(level, np.zeros_like(level))
+    return np.asarray(height / (_HEIGHT_NOISE * np.sqrt(ground / width)))
+
+
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """
@@ -98,8 +112,10 @@ class Estimate:
     width : sigma of the stripe in pixels
     height : above the background, grey values of 0 to 255
     sigma : pixels, 1 sigma of ``place`` from the noise of the pixels
-    snr : height over its own 1 sigma, as far as the profile is a stripe's
-    doubt : pixels, by how much what is no noise can have moved ``place``
+    snr : height over what the noise of the ground makes of it where there is no stripe
+    misfit : residuals over what the noise makes of them, 1 or more
+    skew, skew_sigma : share of the height that is one-sided, and its 1 sigma; a sigma of
+        ``UNTOLD`` where the estimator does not tell
     """
 
     place: Floats
@@ -107,4 +123,15 @@ class Estimate:
     height: Floats
     sigma: Floats
     snr: Floats
-    doubt: Floats
+    misfit: Floats
+    skew: Floats
+    skew_sigma: Floats
+
+    def __getitem__(self, chosen: Any) -> 'Estimate':
+        return Estimate(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+    @classmethod
+    def joined(cls, parts: Sequence['Estimate']) -> 'Estimate':
+        """Put estimates one after the other."""
+        names = [field.name for field in fields(cls)]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))

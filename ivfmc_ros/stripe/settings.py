@@ -3,10 +3,10 @@
 """How the stripe is found."""
 
 from dataclasses import dataclass
-from dataclasses import field
 
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.stripe import channel
+from ivfmc_ros.stripe.estimators import DEFAULT
 from ivfmc_ros.stripe.estimators import METHODS
 from ivfmc_ros.stripe.noise import Noise
 
@@ -23,21 +23,26 @@ class ExtractSettings:
     max_error : pixels; a point with a larger sigma is dropped
     window : half the window of the estimate, in sigmas of the stripe
     max_sigma : a stripe wider than this (sigma, pixels) is no stripe
+    max_widening : nor one that is so many times as wide as the picture's median
     smoothing : width in pixels of the box that finds the peak; odd
     path : search one path along the stripe where rows have several peaks
-    noise : of the pixels; gives weights and sigmas
+    doubt : let sigma grow where the profile is not a stripe's
+    noise : of the pixels, gives weights and sigmas; None: estimated from the first pictures of
+        a scan, and for a single picture that of the bench cell
     """
 
-    method: str = 'gaussian'
+    method: str = DEFAULT
     channel: str = 'auto'
     min_snr: float = 6.0
     min_contrast: float = 0.01
     max_error: float = 1.0
     window: float = 3.2
     max_sigma: float = 12.0
+    max_widening: float = 4.0
     smoothing: int = 5
     path: bool = True
-    noise: Noise = field(default_factory=Noise)
+    doubt: bool = True
+    noise: Noise | None = None
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -49,6 +54,8 @@ class ExtractSettings:
         _require('max_error', self.max_error, 0.0 < self.max_error <= 50.0, '0 to 50 pixels')
         _require('window', self.window, 1.0 <= self.window <= 5.0, '1 to 5')
         _require('max_sigma', self.max_sigma, 1.0 <= self.max_sigma <= 50.0, '1 to 50 pixels')
+        widening = 1.0 < self.max_widening <= 50.0
+        _require('max_widening', self.max_widening, widening, 'above 1, to 50')
         odd = self.smoothing % 2 == 1 and 1 <= self.smoothing <= 31
         _require('smoothing', self.smoothing, odd, 'odd, 1 to 31')
 
