@@ -12,6 +12,16 @@ import tempfile
 from ivfmc_ros.errors import FileError
 
 
+def _read_umask() -> int:
+    umask = os.umask(0)
+    os.umask(umask)
+    return umask
+
+
+# Read once: the system only tells it to who sets it, and another thread must not fall in between.
+_UMASK = _read_umask()
+
+
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """
@@ -33,7 +43,8 @@ def whole_file(path: Path) -> Iterator[Path]:
     try:
         yield temporary
         # mkstemp gives 0600; a result must be as readable as any other new file
-        temporary.chmod(0o666 & ~_umask())
+        temporary.chmod(0o666 & ~_UMASK)
+        _flush(temporary)
         temporary.replace(path)
     except OSError as error:
         raise FileError(f'{path}: cannot be written: {error.strerror or error}') from error
@@ -42,8 +53,12 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def require_new_folder(path: Path) -> None:
-    """:raises FileError: ``path`` exists and is not an empty folder."""
-    if path.exists() and not (path.is_dir() and not any(path.iterdir())):
+    """:raises FileError: ``path`` exists and is not an empty folder, or cannot be looked at."""
+    try:
+        taken = path.exists() and not (path.is_dir() and not any(path.iterdir()))
+    except OSError as error:
+        raise FileError(f'{path}: cannot be read: {error.strerror or error}') from error
+    if taken:
         raise FileError(f'{path}: exists already and is not overwritten; name another folder')
 
 
@@ -64,7 +79,7 @@ def whole_folder(path: Path) -> Iterator[Path]:
         raise FileError(f'{path}: cannot be written: {error.strerror or error}') from error
     try:
         yield temporary
-        temporary.chmod(0o777 & ~_umask())
+        temporary.chmod(0o777 & ~_UMASK)
         temporary.replace(path)
     except OSError as error:
         raise FileError(f'{path}: cannot be written: {error.strerror or error}') from error
@@ -72,10 +87,10 @@ def whole_folder(path: Path) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def _umask() -> int:
-    umask = os.umask(0)
-    os.umask(umask)
-    return umask
+def _flush(path: Path) -> None:
+    """Bring a file to the disk before it gets its name: a power cut must not leave half of it."""
+    with path.open('rb') as stream:
+        os.fsync(stream.fileno())
 
 
 def write_text(path: Path, text: str) -> None:

@@ -43,7 +43,7 @@ def apply(T: Floats, points_xyz: Floats) -> Floats:
     return np.asarray(points_xyz @ T[:3, :3].T + T[:3, 3])
 
 
-def is_rotation(R: Floats, tolerance: float = 1e-6) -> bool:
+def is_rotation(R: Floats, tolerance: float = 1e-5) -> bool:
     """Tell whether a (3, 3) matrix is orthonormal and not a reflection."""
     orthonormal = np.abs(R @ R.T - np.eye(3)).max() <= tolerance
     return bool(orthonormal and np.linalg.det(R) > 0)
