@@ -10,6 +10,7 @@ Invalid points are NaN (REP 117).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,7 @@ class Frame:
     angle : table position in radians, positive counter-clockwise about +z
     laser : index of the laser that was on, in the order of the cell
     seq : counts the profiles of a scan without gaps
+    speed : of the table as it was reported, radians per second; 0 where it stood
     """
 
     image: Image
@@ -50,6 +52,7 @@ class Frame:
     laser: int = 0
     view: int = 0
     seq: int = 0
+    speed: float = 0.0
 
     def __post_init__(self) -> None:
         if not (self.image.ndim == 2 or (self.image.ndim == 3 and self.image.shape[2] == 3)):
@@ -67,6 +70,8 @@ class Profile:
     intensity : (n,) float64, brightness of the stripe above its background, in grey values
     sigma : (n,) float64, metres, 1 sigma along the error direction dX/du in the laser plane
     uv : (n, 2) float64, pixel (column, row) where the stripe was found
+    angle : radians; provisional where the table turned, until its motion is fitted
+    speed : of the table as it was reported, radians per second; 0 where it stood
     """
 
     points_xyz: Floats
@@ -78,6 +83,7 @@ class Profile:
     view: int
     seq: int
     stamp_ns: int
+    speed: float = 0.0
 
     def __post_init__(self) -> None:
         count = len(self.points_xyz)
@@ -88,6 +94,17 @@ class Profile:
 
     def __len__(self) -> int:
         return len(self.points_xyz)
+
+    def as_sent(self) -> 'Profile':
+        """Return the profile as it is after it has been a message: in single precision."""
+        names = ('points_xyz', 'intensity', 'sigma', 'uv')
+        single = {name: getattr(self, name).astype(np.float32) for name in names}
+        return replace(
+            self,
+            **{name: values.astype(np.float64) for name, values in single.items()},
+            angle=float(np.float32(self.angle)),
+            speed=float(np.float32(self.speed)),
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

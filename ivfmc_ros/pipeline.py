@@ -34,6 +34,8 @@ from ivfmc_ros.registration import views as sweeps
 from ivfmc_ros.registration.align import align
 from ivfmc_ros.registration.align import METHODS
 from ivfmc_ros.registration.align import Verdict
+from ivfmc_ros.registration.motion import Motion
+from ivfmc_ros.registration.motion import refit
 from ivfmc_ros.stopwatch import Stopwatch
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
@@ -87,6 +89,7 @@ class Reconstruction:
     What came out of a scan.
 
     samples : about a dozen pictures with the points found in them, to look at
+    motions : how the table turned while each view was taken
     settings : as used, with what was left to the data decided
     counts : how much of what each stage saw, kept and dropped
     seconds : of each stage
@@ -96,6 +99,7 @@ class Reconstruction:
     views: list[View]
     poses: Poses
     verdicts: list[Verdict]
+    motions: list[Motion]
     mesh: Mesh
     settings: Settings
     counts: dict[str, int]
@@ -125,22 +129,22 @@ def reconstruct(
     profiles = []
     for frame in _sampled_first(acquisition, watch.each('read', frames)):
         with watch.stage('acquisition'):
-            profiles.append(acquisition.profile(frame))
+            # rounded as a message is, so that a live scan decides nothing else anywhere
+            profiles.append(acquisition.profile(frame).as_sent())
         samples.add(frame, profiles[-1])
         progress('profiles', len(profiles), max(total, len(profiles)))
     _require_stripe(profiles)
     counts = acquisition.counts.as_dict()
     with watch.stage('views'):
         progress('views', 0, 1)
-        views = [_without_islands(v, settings) for v in sweeps.assemble(cell, profiles)]
-        kept = sum(int(np.count_nonzero(view.valid)) for view in views)
-        counts.update(islands=sum(len(p) for p in profiles) - kept, kept_points=kept)
+        views, motions, found = views_of(cell, profiles, settings)
+        counts.update(found)
     with watch.stage('registration'):
         progress('registration', 0, 1)
         poses, verdicts = align(views, settings.registration)
     with watch.stage('meshing'):
         progress('meshing', 0, 1)
-        max_edge = settings.max_edge or _usual_edge(views, settings)
+        max_edge = settings.max_edge or usual_edge(views, settings)
         mesh = join_views(cell, views, poses, max_edge)
     counts.update(views=len(views), vertices=len(mesh.vertices_xyz), faces=len(mesh.faces))
     progress('done', 1, 1)
@@ -149,11 +153,29 @@ def reconstruct(
         views=views,
         poses=poses,
         verdicts=verdicts,
+        motions=motions,
         mesh=mesh,
         settings=replace(settings, acquisition=acquisition.settings, max_edge=max_edge),
         counts=counts,
         seconds=watch.seconds,
     )
+
+
+def views_of(
+    cell: Cell, profiles: Sequence[Profile], settings: Settings
+) -> tuple[list[View], list[Motion], dict[str, int]]:
+    """
+    Put profiles into views: the table's motion is fitted, pieces of flying surface go.
+
+    returns : the views by number, how the table turned during each, and how many points went
+    :raises GeometryError: a view number holds profiles of two lasers
+    """
+    turned, motions = refit(profiles)
+    views = [_without_islands(view, settings) for view in sweeps.assemble(cell, turned)]
+    steady = sum(len(profile) for profile in turned)
+    kept = sum(int(np.count_nonzero(view.valid)) for view in views)
+    ramps = sum(len(profile) for profile in profiles) - steady
+    return views, motions, {'ramps': ramps, 'islands': steady - kept, 'kept_points': kept}
 
 
 class _Samples:
@@ -194,7 +216,12 @@ def _require_stripe(profiles: Sequence[Profile]) -> None:
         )
 
 
-def _usual_edge(views: Sequence[View], settings: Settings) -> float:
+def usual_edge(views: Sequence[View], settings: Settings) -> float:
+    """
+    Return the longest edge of a triangle where the settings leave it to the data, metres.
+
+    :raises GeometryError: no view has two neighbouring points
+    """
     known = [s for s in map(sweeps.spacing, views) if math.isfinite(s)]
     if not known:
         raise GeometryError(

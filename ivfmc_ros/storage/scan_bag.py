@@ -7,7 +7,9 @@ from collections.abc import Iterator
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
+from dataclasses import replace
 import heapq
+import math
 from pathlib import Path
 from typing import Any
 
@@ -20,21 +22,22 @@ from ivfmc_ros.errors import CellError
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.model import Frame
 from ivfmc_ros.model import Image
+from ivfmc_ros.model import Ints
 from ivfmc_ros.storage import cdr
 from ivfmc_ros.storage.bag_reader import Bag
 from ivfmc_ros.storage.bag_reader import open_bag
 from ivfmc_ros.storage.bag_reader import Raw
 from ivfmc_ros.storage.image_decoding import decode_compressed
 from ivfmc_ros.storage.image_decoding import decode_image
+from ivfmc_ros.storage.matching import Matcher
+from ivfmc_ros.storage.matching import MatchSettings
 from ivfmc_ros.storage.messages import COMPRESSED_IMAGE
+from ivfmc_ros.storage.reports import joint_of
 from ivfmc_ros.storage.roles import find_roles
 from ivfmc_ros.storage.roles import missing
 from ivfmc_ros.storage.roles import Roles
 from ivfmc_ros.storage.tracks import JointTrack
 from ivfmc_ros.storage.tracks import LaserTrack
-
-# A laser that changes while a picture is exposed lights a part of it only.
-EXPOSURE_S = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +47,8 @@ class _Shot:
     stamp_ns: int
     angle: float
     laser: int | None
+    view: int = 0
+    speed: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,8 +91,9 @@ class ScanBag:
                 stamp_ns=shot.stamp_ns,
                 angle=shot.angle,
                 laser=shot.laser,
-                view=shot.laser,
+                view=shot.view,
                 seq=seq,
+                speed=shot.speed,
             )
             seq += 1
 
@@ -121,7 +127,7 @@ def read_scan(
     lasers: Sequence[str] = ('laser',),
     camera: Camera | None = None,
     topics: Mapping[str, str] | None = None,
-    exposure_s: float = EXPOSURE_S,
+    matching: MatchSettings | None = None,
     salvage: bool = False,
 ) -> ScanBag:
     """
@@ -133,7 +139,7 @@ def read_scan(
     camera : instead of the one in camera_info
     topics : role ('image', 'camera_info', 'joint_states', 'laser_states') -> topic, where it
         cannot be found by its name or several could be meant
-    exposure_s : seconds; a picture during which a laser changed is not used
+    matching : which pictures become profiles
     salvage : use what can be read of a damaged bag
     :raises BagError: the bag is damaged, lacks a topic, or does not tell the table's angle at the
         stamp of a picture
@@ -151,12 +157,12 @@ def read_scan(
             f'{where}: {np.count_nonzero(~known)} pictures are outside the reported positions, '
             f'the first at {at}; record joint_states from before the first picture to the last'
         )
-    lit = _lit(bag, roles, messages, lasers, stamps, int(exposure_s * cdr.NANOSECONDS))
-    lit = [state if ok else (None, 'no angle') for state, ok in zip(lit, known, strict=True)]
-    skipped = Counter(reason for laser, reason in lit if laser is None)
-    if skipped.total() == len(lit):
-        reasons = ', '.join(f'{count} {reason}' for reason, count in skipped.items())
-        raise BagError(f'{path}: {roles.image.name}: no picture can be used ({reasons})')
+    matching = matching or MatchSettings()
+    shots, reasons = _match(bag, roles, messages, joint, lasers, stamps, matching)
+    skipped = Counter(reason for reason in reasons if reason)
+    if skipped.total() == len(shots):
+        listing = ', '.join(f'{count} {reason}' for reason, count in skipped.items())
+        raise BagError(f'{path}: {roles.image.name}: no picture can be used ({listing})')
     return ScanBag(
         path=path,
         camera=camera or _camera(bag, roles, messages),
@@ -164,10 +170,7 @@ def read_scan(
         damage=bag.damage,
         bag=bag,
         roles=roles,
-        shots=tuple(
-            _Shot(stamp_ns=int(stamp), angle=float(angle), laser=laser)
-            for stamp, angle, (laser, _) in zip(stamps, track.at(stamps), lit, strict=True)
-        ),
+        shots=tuple(shots),
     )
 
 
@@ -186,25 +189,53 @@ def _read(bag: Bag, roles: Roles) -> dict[str, list[Any]]:
     return messages
 
 
-def _lit(
+def _match(
     bag: Bag,
     roles: Roles,
     messages: Mapping[str, list[Any]],
+    joint: str,
     lasers: Sequence[str],
-    stamps: Any,
-    exposure_ns: int,
-) -> list[tuple[int | None, str]]:
-    """Return for each stamp the laser that was on, or None and why there is none."""
-    if roles.laser_states is None:
-        if len(lasers) != 1:
-            raise BagError(
-                f'{missing(bag, "laser_states")}; without it the cell must have one laser, '
-                f'it has {len(lasers)} ({", ".join(lasers)})'
-            )
-        return [(0, '')] * len(stamps)
-    where = f'{bag.path}: {roles.laser_states.name}'
-    track = LaserTrack.of(messages['laser_states'], lasers, where)
-    return [track.during(int(stamp), exposure_ns) for stamp in stamps]
+    stamps: Ints,
+    settings: MatchSettings,
+) -> tuple[list[_Shot], list[str]]:
+    """Return for each stamp what belongs to the picture, and why it is not used if it is not."""
+    always_on = roles.laser_states is None
+    _require_lasers(bag, roles, messages, lasers)
+    matcher = Matcher(lasers, replace(settings, always_on=always_on), history_s=math.inf)
+    for message in sorted(messages['joint_states'], key=cdr.stamp_ns):
+        stated = joint_of(message, joint)
+        if stated is not None:
+            matcher.table(cdr.stamp_ns(message), *stated)
+    for message in sorted(messages['laser_states'], key=cdr.stamp_ns):
+        stated_lasers = zip(message.name, message.position, strict=False)
+        matcher.lasers(cdr.stamp_ns(message), dict(stated_lasers))
+    for stamp in stamps:
+        matcher.picture(int(stamp), None)
+    matches = list(matcher.ready())
+    shots = [
+        _Shot(
+            stamp_ns=match.stamp_ns,
+            angle=match.angle,
+            laser=None if match.reason else match.laser,
+            view=match.view,
+            speed=match.speed,
+        )
+        for match in matches
+    ]
+    return shots, [match.reason for match in matches]
+
+
+def _require_lasers(
+    bag: Bag, roles: Roles, messages: Mapping[str, list[Any]], lasers: Sequence[str]
+) -> None:
+    if roles.laser_states is not None:
+        # refuses what names none of the lasers
+        LaserTrack.of(messages['laser_states'], lasers, f'{bag.path}: {roles.laser_states.name}')
+    elif len(lasers) != 1:
+        raise BagError(
+            f'{missing(bag, "laser_states")}; without it the cell must have one laser, '
+            f'it has {len(lasers)} ({", ".join(lasers)})'
+        )
 
 
 def _camera(bag: Bag, roles: Roles, messages: Mapping[str, list[Any]]) -> Camera:

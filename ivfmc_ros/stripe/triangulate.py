@@ -39,6 +39,7 @@ def triangulate(cell: Cell, frame: Frame, stripe: Stripe) -> Profile:
         view=frame.view,
         seq=frame.seq,
         stamp_ns=frame.stamp_ns,
+        speed=frame.speed,
     )
 
 

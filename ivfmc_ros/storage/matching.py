@@ -1,0 +1,220 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Which table angle and which laser belong to a picture.
+
+The same rules decide for a bag that is read and for messages as they arrive, so that a scan that
+is replayed or reconstructed consists of the profiles that it had live. A picture waits until the
+table and the lasers have been reported past its exposure; one that has waited too long is judged
+by what is known.
+"""
+
+from bisect import insort
+from collections.abc import Iterator
+from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+from typing import Any
+
+import numpy as np
+
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.storage.reports import LaserReports
+from ivfmc_ros.storage.reports import TableReports
+
+_NANOSECONDS = 1_000_000_000
+_TURN = 2.0 * math.pi
+
+MOTIONS = ('continuous', 'step')
+
+# Reports are kept so long, for pictures that come late.
+HISTORY_S = 30.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatchSettings:
+    """
+    What makes a picture a profile.
+
+    motion : continuous (every picture with one laser on), or step (only what was exposed while
+        the table stood, and once for each view and angle)
+    exposure : seconds; a picture during which a laser changed is not used
+    always_on : the only laser of the cell was always on, and nobody reports it
+    views : the view number of each laser in the order of the cell, -1 where it is not measured
+        now; empty: its own index
+    settle : seconds that the table must have stood before the exposure (step)
+    stand : radians that a table that stands may seem to move (step)
+    min_step : radians; less than this from the profile before is the same angle (step)
+    """
+
+    motion: str = 'continuous'
+    exposure: float = 0.02
+    always_on: bool = False
+    views: tuple[int, ...] = ()
+    settle: float = 0.1
+    stand: float = 2e-4
+    min_step: float = 1e-3
+
+    def __post_init__(self) -> None:
+        if self.motion not in MOTIONS:
+            raise ParameterError(f'motion: {self.motion!r} is not one of {", ".join(MOTIONS)}')
+        for name, value, high in (
+            ('exposure', self.exposure, 10.0),
+            ('settle', self.settle, 60.0),
+            ('stand', self.stand, 0.1),
+            ('min_step', self.min_step, math.pi),
+        ):
+            if not 0.0 <= value <= high:
+                raise ParameterError(f'{name}: {value} is out of range; it must be 0 to {high:g}')
+        if any(not -1 <= view <= 65535 for view in self.views):
+            raise ParameterError(f'view: {list(self.views)}: each must be -1 to 65535')
+
+    def view_of(self, laser: int) -> int:
+        """Return the view number of a laser, -1 where it is not measured."""
+        if not self.views:
+            return laser
+        return self.views[laser] if laser < len(self.views) else -1
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Match:
+    """
+    What was found out about a picture.
+
+    payload : the picture, as it was handed over
+    reason : why it is not used; empty if it is
+    angle : radians, a float32 that is sent without rounding, less the whole turns with which the
+        scan began
+    speed : of the table, radians per second, as reported
+    """
+
+    payload: Any
+    stamp_ns: int
+    reason: str = ''
+    angle: float = math.nan
+    speed: float = 0.0
+    laser: int = 0
+    view: int = 0
+
+
+@dataclass(order=True)
+class _Waiting:
+    stamp_ns: int
+    number: int
+    arrived_s: float
+    payload: Any
+
+
+class Matcher:
+    """Finds angle and laser of pictures; whatever comes may come late, early or not at all."""
+
+    def __init__(
+        self,
+        lasers: Sequence[str],
+        settings: MatchSettings | None = None,
+        history_s: float = HISTORY_S,
+    ) -> None:
+        """``history_s``: so many seconds of reports are kept, for pictures that come late."""
+        self.settings = settings or MatchSettings()
+        self._history_s = history_s
+        self._lasers = tuple(lasers)
+        self._table = TableReports()
+        self._lit = LaserReports(self._lasers)
+        self._waiting: list[_Waiting] = []
+        self._count = 0
+        self.restart()
+
+    def __len__(self) -> int:
+        """How many pictures wait."""
+        return len(self._waiting)
+
+    @property
+    def table_known(self) -> bool:
+        """Whether the table has been reported."""
+        return bool(self._table.stamps)
+
+    @property
+    def lasers_known(self) -> bool:
+        """Whether lasers have been reported, or need not be."""
+        return self.settings.always_on or bool(self._lit.stamps)
+
+    def restart(self) -> None:
+        """Begin a scan: forget what was measured, not what is known of table and lasers."""
+        self._turns: float | None = None
+        self._measured: dict[int, float] = {}
+
+    def table(self, stamp_ns: int, position: float, velocity: float | None = None) -> bool:
+        """Take a report, radians and radians per second; False where the time jumped back."""
+        self._table.forget(self._history_s)
+        return self._table.add(stamp_ns, position, velocity)
+
+    def lasers(self, stamp_ns: int, states: Mapping[str, float]) -> bool:
+        """Take a report, above 0.5 is on; False where the time jumped back."""
+        self._lit.forget(self._history_s)
+        return self._lit.add(stamp_ns, states)
+
+    def picture(self, stamp_ns: int, payload: Any, now_s: float = 0.0) -> None:
+        """Let a picture wait; ``now_s`` is when it came, on a clock that never jumps."""
+        self._count += 1
+        insort(self._waiting, _Waiting(stamp_ns, self._count, now_s, payload))
+
+    def drop_oldest(self) -> Match:
+        """Give up the picture that comes first."""
+        first = self._waiting.pop(0)
+        return Match(payload=first.payload, stamp_ns=first.stamp_ns, reason='waited too long')
+
+    def ready(self, now_s: float = math.inf, patience_s: float = 0.0) -> Iterator[Match]:
+        """
+        Yield pictures, by stamp, as far as they can be judged.
+
+        now_s, patience_s : what came longer ago is judged by what is known
+        """
+        while self._waiting:
+            first = self._waiting[0]
+            if not self._bracketed(first.stamp_ns) and now_s - first.arrived_s < patience_s:
+                return
+            del self._waiting[0]
+            yield self._judge(first)
+
+    def _bracketed(self, stamp_ns: int) -> bool:
+        end = stamp_ns + int(self.settings.exposure * _NANOSECONDS)
+        stands = self.settings.motion == 'step'
+        table = self._table.stamps
+        if not table or not table[0] <= stamp_ns or table[-1] < (end if stands else stamp_ns):
+            return False
+        return self.settings.always_on or bool(self._lit.stamps and self._lit.stamps[-1] >= end)
+
+    def _judge(self, waiting: _Waiting) -> Match:
+        stamp = waiting.stamp_ns
+        exposure = int(self.settings.exposure * _NANOSECONDS)
+        laser, reason = self._lit.during(stamp, exposure, self.settings.always_on)
+        if not self._table.covers(stamp):
+            reason = 'no angle'
+        elif laser is not None and self.settings.view_of(laser) < 0:
+            reason = 'laser not measured'
+        elif not reason and self.settings.motion == 'step':
+            reason = self._why_no_step(stamp, exposure, self.settings.view_of(laser or 0))
+        if reason or laser is None:
+            return Match(payload=waiting.payload, stamp_ns=stamp, reason=reason)
+        angle = self._table.at(stamp)
+        if self._turns is None:
+            # many turns from zero, single precision would not hold an angle
+            self._turns = _TURN * round(angle / _TURN)
+        self._measured[self.settings.view_of(laser)] = angle
+        return Match(
+            payload=waiting.payload,
+            stamp_ns=stamp,
+            angle=float(np.float32(angle - self._turns)),
+            speed=float(np.float32(self._table.speed(stamp))),
+            laser=laser,
+            view=self.settings.view_of(laser),
+        )
+
+    def _why_no_step(self, stamp_ns: int, exposure_ns: int, view: int) -> str:
+        settle = int(self.settings.settle * _NANOSECONDS)
+        if self._table.way(stamp_ns - settle, stamp_ns + exposure_ns) > self.settings.stand:
+            return 'table moving'
+        before = self._measured.get(view, math.inf)
+        same = abs(self._table.at(stamp_ns) - before) < self.settings.min_step
+        return 'angle measured already' if same else ''
