@@ -1,11 +1,12 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Boards that are not flat.
+Boards that are not flat, or printed longer one way than the other.
 
 A board of paper on cardboard or foam bends by a millimetre, which a camera calibration takes for
 another focal length (0.5 % was seen) and a laser calibration for another plane. The bend is one
-shape in all pictures, so the pictures determine it (Strobl & Hirzinger 2011).
+shape in all pictures, so the pictures determine it (Strobl & Hirzinger 2011). Printers feed paper
+0.1 to 0.3 % too far or too short, which a camera calibration takes for pixels that are not square.
 """
 
 from dataclasses import dataclass
@@ -21,10 +22,13 @@ _ITERATIONS = 6
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Bend:
     """
-    Height of a board: z = a x^2 + b x y + c y^2 about ``center``, frame of the board, metres.
+    Shape of a board, about ``center`` in the frame of the board, metres.
+
+    Its height is z = a x^2 + b x y + c y^2; its squares are longer along y by the share e, and
+    what they are said to be in the mean of both directions.
 
     center : (2,) metres
-    coefficients : (3,) a, b, c in 1/metre
+    coefficients : (4,) a, b, c in 1/metre, and e
     """
 
     center: Floats
@@ -35,27 +39,34 @@ class Bend:
         """Return no bend, about the middle of the corners."""
         corners = board.corners_xyz[:, :2]
         center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-        return cls(center=center, coefficients=np.zeros(3))
+        return cls(center=center, coefficients=np.zeros(4))
 
     @property
     def is_flat(self) -> bool:
         """Whether there is no bend."""
-        return not self.coefficients.any()
+        return not self.coefficients[:3].any()
 
-    def basis(self, xy: Floats) -> Floats:
-        """Return (n, 3): what each coefficient adds to the height at (n, 2) places."""
+    @property
+    def stretch(self) -> float:
+        """By which share the squares are longer along y than along x."""
+        return float(self.coefficients[3])
+
+    def derivatives(self, xy: Floats) -> Floats:
+        """Return (n, 3, 4): how a corner at (n, 2) nominal places moves with each coefficient."""
         x, y = (xy - self.center).T
-        return np.stack([x * x, x * y, y * y], axis=1)
+        moves = np.zeros((len(xy), 3, 4))
+        moves[:, 2, :3] = np.stack([x * x, x * y, y * y], axis=1)
+        moves[:, 0, 3], moves[:, 1, 3] = -0.5 * x, 0.5 * y
+        return moves
 
     def height(self, xy: Floats) -> Floats:
         """Return (n,) heights in metres at (n, 2) places on the board."""
-        return np.asarray(self.basis(xy) @ self.coefficients)
+        return np.asarray(self.derivatives(xy)[:, 2] @ self.coefficients)
 
     def corners_xyz(self, board: Board) -> Floats:
-        """Return the (n, 3) corners of ``board`` on the bent surface, metres."""
-        corners = board.corners_xyz.copy()
-        corners[:, 2] = self.height(corners[:, :2])
-        return corners
+        """Return the (n, 3) corners of ``board`` where they really are, metres."""
+        corners = board.corners_xyz
+        return np.asarray(corners + self.derivatives(corners[:, :2]) @ self.coefficients)
 
     def sag(self, board: Board) -> float:
         """Return the range in metres of the bent corners about their mean plane."""
@@ -78,10 +89,3 @@ class Bend:
                 break
             height = self.height(points[:, :2])
         return np.asarray(points)
-
-    def normals(self, xy: Floats) -> Floats:
-        """Return the (n, 3) unit normals of the surface at (n, 2) places."""
-        x, y = (xy - self.center).T
-        a, b, c = self.coefficients
-        normals = np.stack([-2 * a * x - b * y, -b * x - 2 * c * y, np.ones_like(x)], axis=1)
-        return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))

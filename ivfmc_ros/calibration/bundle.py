@@ -34,7 +34,7 @@ class Bundle:
 
     intrinsics : (4 + distortion,) fx, fy, cx, cy, distortion in OpenCV's order
     poses : (views, 6) rotation vector and translation, board to camera
-    covariance : (free, free) of the free common parameters, cluster-robust
+    covariance : (c, c) of intrinsics, then shape, cluster-robust; 0 where nothing was free
     residuals : for each view (n, 2) pixel, seen minus expected
     """
 
@@ -45,7 +45,7 @@ class Bundle:
     residuals: tuple[Floats, ...]
 
     @property
-    def K(self) -> Floats:
+    def matrix(self) -> Floats:
         """(3, 3) camera matrix, pixel."""
         fx, fy, cx, cy = self.intrinsics[:4]
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
@@ -69,10 +69,27 @@ class Bundle:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Free:
-    """What an adjustment may change besides the poses."""
+    """
+    What an adjustment may change besides the poses.
+
+    square : keep fx = fy; what of a print is longer one way is then the board's stretch
+    stretch, bend : of the board
+    """
 
     intrinsics: bool = True
+    square: bool = True
+    stretch: bool = False
     bend: bool = False
+
+    def lift(self, intrinsics: int) -> Floats:
+        """Return (intrinsics + 4, free): all common parameters from the free ones."""
+        free = np.eye(intrinsics + 4)
+        keep = np.zeros(intrinsics + 4, dtype=bool)
+        keep[:intrinsics] = self.intrinsics
+        if self.intrinsics and self.square:
+            free[1, 0], keep[1] = 1.0, False
+        keep[intrinsics:] = [self.bend] * 3 + [self.stretch]
+        return free[:, keep]
 
 
 def adjust(board: Board, views: Sequence[Corners], start: Bundle, free: Free) -> Bundle:
@@ -85,7 +102,7 @@ def adjust(board: Board, views: Sequence[Corners], start: Bundle, free: Free) ->
     damping = 1e-4
     for _ in range(_MAX_STEPS):
         common, poses = system.step(damping)
-        trial = _moved(current, free, common, poses)
+        trial = _moved(current, common, poses)
         trial_system = _System.build(board, views, trial, free)
         gain = system.cost - trial_system.cost
         if gain < 0:
@@ -94,18 +111,13 @@ def adjust(board: Board, views: Sequence[Corners], start: Bundle, free: Free) ->
         current, system, damping = trial, trial_system, max(damping / 10, 1e-12)
         if gain <= _CONVERGED * system.cost:
             break
-    return replace(
-        current, covariance=system.covariance(), residuals=tuple(system.residuals_uv)
-    )
+    return replace(current, covariance=system.covariance(), residuals=tuple(system.residuals_uv))
 
 
-def _moved(bundle: Bundle, free: Free, common: Floats, poses: Floats) -> Bundle:
-    count = len(bundle.intrinsics) if free.intrinsics else 0
-    intrinsics = bundle.intrinsics.copy()
-    intrinsics[:count] += common[:count]
-    bend = bundle.bend
-    if free.bend:
-        bend = replace(bend, coefficients=bend.coefficients + common[count:])
+def _moved(bundle: Bundle, common: Floats, poses: Floats) -> Bundle:
+    count = len(bundle.intrinsics)
+    bend = replace(bundle.bend, coefficients=bundle.bend.coefficients + common[count:])
+    intrinsics = bundle.intrinsics + common[:count]
     return replace(bundle, intrinsics=intrinsics, bend=bend, poses=bundle.poses + poses)
 
 
@@ -113,6 +125,7 @@ def _moved(bundle: Bundle, free: Free, common: Floats, poses: Floats) -> Bundle:
 class _System:
     """Normal equations: common (c), and for each view its pose (p), coupling (cp), gradients."""
 
+    lift: Floats
     cc: Floats
     pp: Floats
     cp: Floats
@@ -128,14 +141,16 @@ class _System:
     ) -> '_System':
         corners = bundle.bend.corners_xyz(board)
         parts = [
-            _linearise(corners[view.ids], view.uv, bundle, pose, free)
+            _linearise(board.corners_xyz[view.ids], corners[view.ids], view.uv, bundle, pose)
             for view, pose in zip(views, bundle.poses, strict=True)
         ]
+        lift = free.lift(len(bundle.intrinsics))
         residuals = [part[0] for part in parts]
-        Jc, Jp = [part[1] for part in parts], [part[2] for part in parts]
+        Jc, Jp = [part[1] @ lift for part in parts], [part[2] for part in parts]
         flat = [r.ravel() for r in residuals]
         scores = np.array([J.T @ r for J, r in zip(Jc, flat, strict=True)])
         return cls(
+            lift=lift,
             cc=np.sum([J.T @ J for J in Jc], axis=0),
             pp=np.array([J.T @ J for J in Jp]),
             cp=np.array([A.T @ B for A, B in zip(Jc, Jp, strict=True)]),
@@ -155,7 +170,7 @@ class _System:
         reduced, scores = self._reduce(pp, cc)
         common = _solve(reduced, scores.sum(axis=0))
         right = self.gradient_p - np.einsum('vcp,c->vp', self.cp, common)
-        return common, np.linalg.solve(pp, right[..., None])[..., 0]
+        return self.lift @ common, np.linalg.solve(pp, right[..., None])[..., 0]
 
     def covariance(self) -> Floats:
         """Return the sandwich of the common parameters, one cluster a view."""
@@ -163,7 +178,7 @@ class _System:
         bread = np.linalg.pinv(reduced, rcond=1e-15, hermitian=True)
         views = len(scores)
         meat = scores.T @ scores * views / max(views - 1, 1)
-        return np.asarray(bread @ meat @ bread)
+        return np.asarray(self.lift @ bread @ meat @ bread @ self.lift.T)
 
     def _reduce(self, pp: Floats, cc: Floats) -> tuple[Floats, Floats]:
         """Eliminate the poses: (c, c) matrix and (views, c) gradients of each view."""
@@ -181,20 +196,18 @@ def _solve(matrix: Floats, right: Floats) -> Floats:
 
 
 def _linearise(
-    corners: Floats, uv: Floats, bundle: Bundle, pose: Floats, free: Free
+    nominal: Floats, corners: Floats, uv: Floats, bundle: Bundle, pose: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Return (n, 2) residuals and the (2n, c) and (2n, 6) derivatives of the projections."""
-    expected, J = cv2.projectPoints(corners, pose[:3], pose[3:], bundle.K, bundle.distortion)
+    expected, J = cv2.projectPoints(corners, pose[:3], pose[3:], bundle.matrix, bundle.distortion)
     residuals = uv - expected.reshape(-1, 2)
-    columns = [J[:, 6 : 6 + len(bundle.intrinsics)]] if free.intrinsics else []
-    if free.bend:
-        # moving a corner along the board's normal is moving the board by R e_z
-        R, _ = cv2.Rodrigues(pose[:3])
-        along_normal = (J[:, 3:6] @ R[:, 2]).reshape(-1, 2, 1)
-        basis = bundle.bend.basis(corners[:, :2])
-        columns.append((along_normal * basis[:, None, :]).reshape(-1, 3))
-    common = np.hstack(columns) if columns else np.zeros((2 * len(uv), 0))
-    return residuals, common, J[:, :6]
+    # moving a corner in the board's frame is moving the board by as much, turned
+    R, _ = cv2.Rodrigues(pose[:3])
+    by_corner = (J[:, 3:6] @ R).reshape(-1, 2, 3)
+    by_shape = (by_corner @ bundle.bend.derivatives(nominal[:, :2])).reshape(-1, 4)
+    by_intrinsics = J[:, 6 : 6 + len(bundle.intrinsics)]
+    common = np.hstack([by_intrinsics, by_shape])
+    return np.asarray(residuals), np.asarray(common), np.asarray(J[:, :6], dtype=np.float64)
 
 
 def pose_covariances(board: Board, views: Sequence[Corners], bundle: Bundle) -> Floats:
@@ -204,7 +217,7 @@ def pose_covariances(board: Board, views: Sequence[Corners], bundle: Bundle) -> 
     # one variance for all views: a robust one, since the odd view is worse than the others
     variance = float(np.median(squared)) / _MEDIAN_CHI2
     normal = [
-        _linearise(corners[view.ids], view.uv, bundle, pose, Free(intrinsics=False))[2]
+        _linearise(board.corners_xyz[view.ids], corners[view.ids], view.uv, bundle, pose)[2]
         for view, pose in zip(views, bundle.poses, strict=True)
     ]
     return np.array([np.linalg.inv(J.T @ J) * variance for J in normal])

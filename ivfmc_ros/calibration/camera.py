@@ -4,6 +4,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -15,12 +16,14 @@ from ivfmc_ros.calibration.bundle import adjust
 from ivfmc_ros.calibration.bundle import Bundle
 from ivfmc_ros.calibration.bundle import Free
 from ivfmc_ros.calibration.bundle import INTRINSICS
+from ivfmc_ros.calibration.views import name_of
 from ivfmc_ros.calibration.views import View
 from ivfmc_ros.calibration.views import Views
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.cell.camera import DISTORTION_COEFFICIENTS
 from ivfmc_ros.errors import CalibrationError
 from ivfmc_ros.errors import CellError
+from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 
 MIN_VIEWS = 6
@@ -32,6 +35,7 @@ _MAX_FOCAL_STD = 0.01
 _BEND_CHI2 = 30.0
 _BEND_SHARE = 5e-4
 _BEND_MIN_VIEWS = 10
+_STRETCH = 5e-4
 _COVERAGE_GRID = 8
 
 
@@ -62,24 +66,32 @@ class CameraCalibration:
 
 
 def calibrate_camera(
-    board: Board, views: Views, model: str = 'plumb_bob', bend: bool = True, where: str = 'pictures'
+    board: Board,
+    views: Views,
+    model: str = 'plumb_bob',
+    *,
+    bend: bool = True,
+    square: bool = True,
+    where: str = 'pictures',
 ) -> CameraCalibration:
     """
     Calibrate a camera.
 
     model : plumb_bob or rational_polynomial
     bend : whether a board that is not flat may be taken for bent
+    square : whether pixels are square; what the pictures show of fx / fy is then the print's
     where : folder of the pictures, for messages
     :raises CalibrationError: too few or too similar views
     """
     if model not in DISTORTION_COEFFICIENTS:
         raise CalibrationError(f'model: {model!r} is not one of plumb_bob, rational_polynomial')
-    used, bundle = _without_bad(board, views, model, bend, where)
+    free = Free(square=square, stretch=square, bend=bend)
+    used, bundle = _without_bad(board, views, model, free, where)
     _require_determined(bundle, where)
     camera = _camera(bundle, views.size, model, where)
     std = np.sqrt(np.diag(bundle.covariance)[: len(bundle.intrinsics)])
     kept = {view.path for view in used}
-    dropped = {path.name: 'the board was not found' for path in views.without}
+    dropped = {name_of(path): 'the board was not found' for path in views.without}
     dropped |= {v.name: 'large residuals' for v in views.found if v.path not in kept}
     cells = _covered(used, views.size, _COVERAGE_GRID)
     return CameraCalibration(
@@ -99,85 +111,75 @@ def calibrate_camera(
 
 
 def _without_bad(
-    board: Board, views: Views, model: str, bend: bool, where: str
+    board: Board, views: Views, model: str, free: Free, where: str
 ) -> tuple[list[View], Bundle]:
     """Adjust, drop the views that stand out, and again until none does."""
     used = list(views.found)
     _require_enough(used, where)
-    bundle = _initial(board, [view.corners for view in used], views.size, model, where)
+    bundle = _initial(board, views, model, free.square, where)
     while True:
         corners = [view.corners for view in used]
-        bundle = adjust_with_bend(board, corners, bundle, intrinsics=True, bend=bend)
+        bundle = adjust_with_bend(board, corners, bundle, free)
         good = good_views(bundle.view_rms)
         if good.all():
             return used, bundle
         used = [view for view, is_good in zip(used, good, strict=True) if is_good]
         _require_enough(used, where)
-        bundle = Bundle(
-            intrinsics=bundle.intrinsics,
-            bend=bundle.bend,
-            poses=bundle.poses[good],
-            covariance=bundle.covariance,
-            residuals=(),
-        )
+        bundle = replace(bundle, poses=bundle.poses[good], residuals=())
 
 
-def good_views(view_rms: Floats) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def good_views(view_rms: Floats) -> Bools:
     """Tell which views do not stand out, (views,) bool."""
     return np.asarray(view_rms <= _BAD_VIEW * np.median(view_rms))
 
 
 def adjust_with_bend(
-    board: Board, corners: Sequence[Corners], start: Bundle, *, intrinsics: bool, bend: bool
+    board: Board, corners: Sequence[Corners], start: Bundle, free: Free
 ) -> Bundle:
     """
-    Adjust with a flat board; if allowed and the pictures show it clearly, with a bent one.
+    Adjust with a flat board; if ``free`` allows it and the pictures show it, with a bent one.
 
-    The bend must be certain (Wald test with the cluster-robust covariance) and more than 0.05 %
-    of the board's diagonal.
+    A bend must be certain (Wald test with the cluster-robust covariance) and more than 0.05 % of
+    the board's diagonal.
     """
-    flat_start = Bundle(
-        intrinsics=start.intrinsics,
-        bend=Bend.flat(board),
-        poses=start.poses,
-        covariance=start.covariance,
-        residuals=(),
-    )
-    flat = adjust(board, corners, flat_start, Free(intrinsics=intrinsics))
-    if not bend or len(corners) < _BEND_MIN_VIEWS:
+    start = replace(start, bend=Bend.flat(board), residuals=())
+    enough = len(corners) >= _BEND_MIN_VIEWS
+    flat = adjust(board, corners, start, replace(free, bend=False))
+    if not (free.bend and enough):
         return flat
-    bent = adjust(board, corners, flat, Free(intrinsics=intrinsics, bend=True))
+    bent = adjust(board, corners, flat, free)
     return bent if _is_bent(board, bent) else flat
 
 
 def _is_bent(board: Board, bent: Bundle) -> bool:
-    c = bent.bend.coefficients
-    chi2 = c @ np.linalg.lstsq(bent.covariance[-3:, -3:], c, rcond=None)[0]
+    c = bent.bend.coefficients[:3]
+    chi2 = c @ np.linalg.lstsq(bent.covariance[-4:-1, -4:-1], c, rcond=None)[0]
     diagonal = np.linalg.norm(np.ptp(board.corners_xyz, axis=0))
     return bool(chi2 > _BEND_CHI2 and bent.bend.sag(board) > _BEND_SHARE * diagonal)
 
 
-def _initial(
-    board: Board, corners: Sequence[Corners], size: tuple[int, int], model: str, where: str
-) -> Bundle:
+def _initial(board: Board, views: Views, model: str, square: bool, where: str) -> Bundle:
+    corners = [view.corners for view in views.found]
     points = [board.corners_xyz[view.ids].astype(np.float32) for view in corners]
     pixels = [view.uv.astype(np.float32).reshape(-1, 1, 2) for view in corners]
     flags = cv2.CALIB_RATIONAL_MODEL if model == 'rational_polynomial' else 0
     start = (np.eye(3), np.zeros(8 if flags else 5))
     try:
         _, K, distortion, turns, shifts = cv2.calibrateCamera(
-            points, pixels, size, *start, flags=flags
+            points, pixels, views.size, *start, flags=flags
         )
     except cv2.error as error:
         raise _too_similar(where) from error
     if not (np.isfinite(K).all() and np.isfinite(distortion).all()):
         raise _too_similar(where)
+    if square:
+        K[0, 0] = K[1, 1] = 0.5 * (K[0, 0] + K[1, 1])
     coefficients = np.ravel(distortion)[: DISTORTION_COEFFICIENTS[model]]
     poses = np.hstack([np.reshape(turns, (-1, 3)), np.reshape(shifts, (-1, 3))])
     return Bundle(
         intrinsics=np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], *coefficients]),
         bend=Bend.flat(board),
-        poses=poses,
+        poses=np.asarray(poses, dtype=np.float64),
         covariance=np.zeros((0, 0)),
         residuals=(),
     )
@@ -212,20 +214,20 @@ def _camera(bundle: Bundle, size: tuple[int, int], model: str, where: str) -> Ca
         return Camera(
             width=size[0],
             height=size[1],
-            K=bundle.K,
+            K=bundle.matrix,
             distortion=bundle.distortion,
             model=model,
         )
     except CellError as error:
-        raise CalibrationError(f'{where}: the pictures give no possible camera: {error}') from error
+        raise CalibrationError(
+            f'{where}: the pictures give no possible camera: {error}'
+        ) from error
 
 
-def _covered(
-    used: Sequence[View], size: tuple[int, int], grid: int
-) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
+def _covered(used: Sequence[View], size: tuple[int, int], grid: int) -> Bools:
     uv = np.concatenate([view.corners.uv for view in used])
     edges = [np.linspace(-0.5, length - 0.5, grid + 1) for length in (size[1], size[0])]
-    return np.histogram2d(uv[:, 1], uv[:, 0], bins=edges)[0] > 0
+    return np.asarray(np.histogram2d(uv[:, 1], uv[:, 0], bins=edges)[0] > 0)
 
 
 def _warnings(
@@ -245,5 +247,11 @@ def _warnings(
         warnings.append(
             f'the board is not flat but bent by {bundle.bend.sag(board) * 1e3:.2f} mm; '
             'this was taken into account, a flat board is better'
+        )
+    if abs(bundle.bend.stretch) > _STRETCH:
+        warnings.append(
+            f'the squares are {bundle.bend.stretch * 100:+.2f} % longer along the columns than '
+            'along the rows, or the pixels are not square (then use --no-square-pixels); '
+            'measure the board both ways'
         )
     return warnings

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Image
 
 _REACH = 3.0  # pixels to both sides of an edge
 _SUBSAMPLES = 4  # a pixel across the edge
@@ -50,9 +51,11 @@ def _edge(gray: NDArray[np.uint8], a: Floats, b: Floats) -> Floats | None:
     reach = min(_REACH, 0.12 * length + 1.0)
     steps = np.arange(-reach, reach + 1e-9, 1.0 / _SUBSAMPLES)
     grid = places[:, None] + steps[:, None] * across
-    values = cv2.remap(gray.astype(np.float32), grid.astype(np.float32), None, cv2.INTER_LINEAR)
-    gradient = np.diff(values.astype(np.float64), axis=1)
-    gradient *= np.sign(gradient.sum())  # outwards it gets lighter, or darker if the sense is other
+    values = sample(gray, grid)
+    gradient = np.diff(values, axis=1)
+    gradient *= np.sign(
+        gradient.sum()
+    )  # outwards it gets lighter, or darker if the sense is other
     gradient = np.maximum(gradient, 0.0)
     total = gradient.sum(axis=1)
     good = total > 0.3 * np.median(total)
@@ -61,6 +64,12 @@ def _edge(gray: NDArray[np.uint8], a: Floats, b: Floats) -> Floats | None:
     middle = 0.5 * (steps[1:] + steps[:-1])
     offset = (gradient[good] @ middle) / total[good]
     return _robust_line(places[good] + offset[:, None] * across)
+
+
+def sample(image: Image, uv: Floats) -> Floats:
+    """Return the values of a picture at (n, m, 2) pixels, (n, m), by bilinear interpolation."""
+    u, v = uv[..., 0].astype(np.float32), uv[..., 1].astype(np.float32)
+    return np.asarray(cv2.remap(image, u, v, cv2.INTER_LINEAR), dtype=np.float64)
 
 
 def _robust_line(points: Floats) -> Floats | None:
@@ -81,3 +90,18 @@ def _meet(one: Floats | None, other: Floats | None) -> Floats:
     point = np.cross(one, other)
     with np.errstate(divide='ignore', invalid='ignore'):
         return np.asarray(point[:2] / point[2])
+
+
+def inward(quad: Floats) -> Floats:
+    """
+    Return how corners move if each edge moves inwards by one pixel.
+
+    quad : (4, 2) pixel
+    returns : (4, 2)
+    """
+    sides = np.roll(quad, -1, axis=0) - quad
+    normals = np.stack([-sides[:, 1], sides[:, 0]], axis=1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals *= np.sign((normals * (quad.mean(axis=0) - quad)).sum(axis=1, keepdims=True))
+    pairs = np.stack([np.roll(normals, 1, axis=0), normals], axis=1)
+    return np.asarray(np.linalg.solve(pairs, np.ones((4, 2, 1)))[..., 0])

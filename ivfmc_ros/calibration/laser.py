@@ -5,10 +5,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field
-from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from ivfmc_ros.calibration import plane as planes
@@ -23,6 +21,7 @@ from ivfmc_ros.calibration.stripes import BoardStripe
 from ivfmc_ros.calibration.stripes import stripe_on_board
 from ivfmc_ros.calibration.stripes import white_region
 from ivfmc_ros.calibration.views import for_each_picture
+from ivfmc_ros.calibration.views import name_of
 from ivfmc_ros.calibration.views import read_sized
 from ivfmc_ros.calibration.views import View
 from ivfmc_ros.calibration.views import Views
@@ -31,6 +30,7 @@ from ivfmc_ros.cell.laser import LaserPlane
 from ivfmc_ros.cell.laser import Stripe as Direction
 from ivfmc_ros.errors import CalibrationError
 from ivfmc_ros.errors import CellError
+from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.progress import Progress
 from ivfmc_ros.progress import silent
@@ -39,9 +39,10 @@ from ivfmc_ros.stripe.extract import ExtractSettings
 MIN_VIEWS = 5
 # Stripes must spread over the plane in two directions, the lesser at least this share.
 _MIN_SPREAD = 0.05
-# A bow counts if it is certain (chi2, 3 degrees of freedom) and this share of the residuals.
+# A bow counts if it is certain (chi2, 3 degrees of freedom) and explains this share of the
+# residuals' variance: outside the calibrated distances it grows with their square.
 _BOW_CHI2 = 30.0
-_BOW_SHARE = 0.3
+_BOW_SHARE = 0.15
 _BOW_MIN_VIEWS = 10
 _STEP_PIXEL = 0.25
 _STEP_POSE = 1e-6
@@ -74,7 +75,7 @@ class LaserView:
     stripe: BoardStripe
     points: StripePoints
     residuals: Floats
-    kept: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    kept: Bools
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -106,6 +107,7 @@ def calibrate_laser(
     views: Views,
     settings: LaserSettings | None = None,
     *,
+    extra: Sequence[StripePoints] = (),
     where: str = 'pictures',
     progress: Progress = silent,
 ) -> LaserCalibration:
@@ -113,11 +115,12 @@ def calibrate_laser(
     Calibrate a laser.
 
     views : from ``find_views``
+    extra : other stripes on known surfaces, such as the platter
     where : folder of the pictures, for messages
     :raises CalibrationError: too few stripes, or too similar ones
     """
     settings = settings or LaserSettings()
-    dropped = {path.name: 'the board was not found' for path in views.without}
+    dropped = {name_of(path): 'the board was not found' for path in views.without}
     placed, good = place_boards(board, [v.corners for v in views.found], camera, settings.bend)
     dropped |= _names(views.found, ~good, 'large residuals of the board')
     seen = [(v, p) for v, p, g in zip(views.found, placed, good, strict=True) if g]
@@ -134,6 +137,7 @@ def calibrate_laser(
     _require_enough(int(enough.sum()), where)
     chosen = [p.chosen(k) for p, k, e in zip(points, keep, enough, strict=True) if e]
     _require_spread(chosen, where)
+    chosen += extra
     sheet, bow_height = _fit(chosen, plane, settings)
     used = tuple(
         LaserView(
@@ -223,18 +227,16 @@ def _fit(
     height = float(np.abs(off_plane).max())
     c = bowed.bow.coefficients
     chi2 = c @ np.linalg.solve(bowed.covariance[4:, 4:], c)
-    residuals = np.concatenate([flat.distance(view.points_xyz) for view in chosen])
-    certain = chi2 > _BOW_CHI2 and height > _BOW_SHARE * np.sqrt(np.mean(residuals**2))
-    return (bowed if certain else flat), height
+    before, after = (np.mean(sheet.distance(points) ** 2) for sheet in (flat, bowed))
+    is_bowed = chi2 > _BOW_CHI2 and after < (1 - _BOW_SHARE) * before
+    return (bowed if is_bowed else flat), height
 
 
 def plane_error(sheet: Sheet, views: Sequence[StripePoints]) -> float:
     """Return 1 sigma in metres of the plane's place at the worst of its points."""
     points = np.concatenate([view.points_xyz for view in views])
     design = np.column_stack([points, np.ones(len(points))])
-    return float(
-        np.sqrt(np.einsum('ni,ij,nj->n', design, sheet.covariance[:4, :4], design).max())
-    )
+    return float(np.sqrt(np.einsum('ni,ij,nj->n', design, sheet.covariance[:4, :4], design).max()))
 
 
 def _laser(
@@ -256,7 +258,7 @@ def _laser(
         raise CalibrationError(f'{where}: {error}') from error
 
 
-def _names(views: Sequence[View], chosen: Floats, reason: str) -> dict[str, str]:
+def _names(views: Sequence[View], chosen: Bools, reason: str) -> dict[str, str]:
     return {view.name: reason for view, is_chosen in zip(views, chosen, strict=True) if is_chosen}
 
 

@@ -61,9 +61,9 @@ def find_markers(markers: Markers, image: Image) -> dict[int, Floats]:
     gray = to_gray(image)
     detector = cv2.aruco.ArucoDetector(marker_dictionary(markers.dictionary))
     quads, ids, _ = detector.detectMarkers(gray)
-    if ids is None:
-        return {}
+    # None when there are none, whatever the stubs say
+    numbers = np.ravel(ids) if len(quads) else np.empty(0)
     return {
         int(number): refine_square(gray, np.asarray(quad, dtype=np.float64).reshape(4, 2))
-        for number, quad in zip(np.ravel(ids), quads, strict=True)
+        for number, quad in zip(numbers, quads, strict=True)
     }

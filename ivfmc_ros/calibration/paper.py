@@ -4,12 +4,12 @@
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from ivfmc_ros.calibration.boards import Board
 from ivfmc_ros.calibration.boards import Corners
 from ivfmc_ros.calibration.boards import to_gray
+from ivfmc_ros.calibration.edges import sample
 from ivfmc_ros.calibration.poses import Placed
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.model import Bools
@@ -43,7 +43,9 @@ class Paper:
         return white
 
 
-def paper_of(board: Board, placed: Placed, corners: Corners, camera: Camera, image: Image) -> Paper:
+def paper_of(
+    board: Board, placed: Placed, corners: Corners, camera: Camera, image: Image
+) -> Paper:
     """Return where ``board`` is white; which squares of a chessboard are is read in ``image``."""
     texel = board.square / _TEXELS_PER_SQUARE
     if board.kind == 'charuco':
@@ -62,8 +64,8 @@ def _even_is_brighter(board: Board, placed: Placed, camera: Camera, gray: Image)
     rows, columns = np.mgrid[: board.rows - 1, : board.columns - 1].reshape(2, -1)
     centers = np.zeros((len(rows), 3))
     centers[:, :2] = (np.stack([columns, rows], axis=1) + 0.5) * board.square
-    uv = camera.project(placed.to_camera(centers)).astype(np.float32)
-    levels = cv2.remap(gray, uv.reshape(-1, 1, 2), None, cv2.INTER_LINEAR).ravel()
+    uv = camera.project(placed.to_camera(centers))
+    levels = sample(gray, uv[:, None]).ravel()
     # square (0, 0) between the corners is square (1, 1) of the print: the parity is the same
     even = (rows + columns) % 2 == 0
     return bool(np.median(levels[even]) > np.median(levels[~even]))

@@ -141,9 +141,7 @@ def inliers(views: Sequence[StripePoints], plane: Floats) -> tuple[list[Bools], 
         good = typical <= _BAD_VIEW * np.median(typical)
         pooled = np.concatenate([r for r, is_good in zip(off, good, strict=True) if is_good])
         limit = _OUTLIER * _MAD * float(np.median(np.abs(pooled)))
-        keep = [
-            (np.abs(r) <= limit) & is_good for r, is_good in zip(off, good, strict=True)
-        ]
+        keep = [(np.abs(r) <= limit) & is_good for r, is_good in zip(off, good, strict=True)]
         points = [view.points_xyz[k] for view, k in zip(views, keep, strict=True)]
         plane = total_least_squares(np.concatenate(points))
     return keep, plane
@@ -169,13 +167,14 @@ def fit_sheet(views: Sequence[StripePoints], plane: Floats, *, bowed: bool = Fal
 
 def _gauss_newton(views: Sequence[StripePoints], sheet: Sheet, flex: float) -> Sheet:
     tangent = np.linalg.svd(sheet.normal[None])[2][1:].T  # (3, 2)
-    normal_matrix, scores = 0.0, []
+    size = 3 if sheet.bow is None else 6
+    normal_matrix, scores = np.zeros((size, size)), []
     for view in views:
         design = _design(view, sheet, tangent)
         weighted = _weigh(view, sheet, flex, design)
         normal_matrix = normal_matrix + design.T @ weighted
         scores.append(-weighted.T @ sheet.distance(view.points_xyz))
-    bread = np.linalg.inv(normal_matrix)
+    bread = np.asarray(np.linalg.inv(normal_matrix))
     step = bread @ np.sum(scores, axis=0)
     normal = sheet.normal + tangent @ step[:2]
     length = np.linalg.norm(normal)

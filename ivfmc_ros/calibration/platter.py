@@ -14,12 +14,14 @@ from ivfmc_ros.calibration.axis import Heights
 from ivfmc_ros.calibration.markers import find_markers
 from ivfmc_ros.calibration.markers import Markers
 from ivfmc_ros.calibration.sightings import Target
+from ivfmc_ros.calibration.stripes import BoardStripe
 from ivfmc_ros.calibration.stripes import stripe_on_board
 from ivfmc_ros.calibration.views import for_each_picture
 from ivfmc_ros.calibration.views import read_sized
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.cell.laser import LaserPlane
+from ivfmc_ros.cell.laser import Stripe as Direction
 from ivfmc_ros.errors import CalibrationError
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
@@ -65,37 +67,59 @@ def find_platter_stripes(
     radius : metres, of the part of the platter that is used
     :raises CalibrationError: there is none
     """
-    disc = platter_region(camera, axis.camera_from_base, radius)
-    extract = settings or ExtractSettings()
-
-    def look(path: Path) -> tuple[Floats, float] | None:
-        image = read_sized(path, camera.size)
-        bare = disc & ~_marked(image.shape[:2], target, find_markers_of(target, image))
-        stripe = stripe_on_board(image, bare, camera, laser.stripe, extract)
-        return None if stripe is None else (stripe.uv, stripe.sigma)
-
-    found = for_each_picture(look, pictures, 'platter', progress)
-    used = [(path, *stripe) for path, stripe in zip(pictures, found, strict=True) if stripe]
-    if not used:
-        raise CalibrationError(
-            f'{pictures[0].parent}: no picture shows the stripe on the bare platter; '
-            'take some with the laser on and nothing on the platter'
-        )
-    uv = np.concatenate([stripe for _, stripe, _ in used])
-    picture = np.repeat(np.arange(len(used)), [len(stripe) for _, stripe, _ in used])
-    sigma = np.repeat([s for *_, s in used], [len(stripe) for _, stripe, _ in used])
+    found = bare_stripes(
+        camera,
+        axis.camera_from_base,
+        radius,
+        pictures,
+        target if isinstance(target, Markers) else None,
+        laser.stripe,
+        settings or ExtractSettings(),
+        progress,
+    )
+    uv = np.concatenate([stripe for _, stripe, _ in found])
+    picture = np.repeat(np.arange(len(found)), [len(stripe) for _, stripe, _ in found])
+    sigma = np.repeat([s for *_, s in found], [len(stripe) for _, stripe, _ in found])
     heights, seen = _heights(camera, laser, axis, uv, sigma)
     return PlatterStripes(
-        pictures=tuple(path for path, *_ in used),
+        pictures=tuple(path for path, *_ in found),
         picture=picture[seen],
         uv=uv[seen],
         heights=heights,
     )
 
 
-def find_markers_of(target: Target, image: np.ndarray) -> dict[int, Floats]:  # type: ignore[type-arg]
-    """Return the markers in a picture that the stripe must not be taken from."""
-    return find_markers(target, image) if isinstance(target, Markers) else {}
+def bare_stripes(
+    camera: Camera,
+    camera_from_base: Floats,
+    radius: float,
+    pictures: Sequence[Path],
+    markers: Markers | None,
+    stripe: Direction,
+    settings: ExtractSettings,
+    progress: Progress,
+) -> list[tuple[Path, Floats, float]]:
+    """
+    Find the stripe on the bare platter.
+
+    returns : for each picture that shows it, its path, (n, 2) pixels and their 1 sigma
+    :raises CalibrationError: none shows it
+    """
+    disc = platter_region(camera, camera_from_base, radius)
+
+    def look(path: Path) -> BoardStripe | None:
+        image = read_sized(path, camera.size)
+        bare = disc & ~_marked(image.shape, {} if not markers else find_markers(markers, image))
+        return stripe_on_board(image, bare, camera, stripe, settings)
+
+    seen = for_each_picture(look, pictures, 'platter', progress)
+    found = [(path, s.uv, s.sigma) for path, s in zip(pictures, seen, strict=True) if s]
+    if not found:
+        raise CalibrationError(
+            f'{pictures[0].parent}: no picture shows the stripe on the bare platter; '
+            'take some with the laser on and nothing on the platter'
+        )
+    return found
 
 
 def platter_region(camera: Camera, camera_from_base: Floats, radius: float) -> Bools:
@@ -108,7 +132,7 @@ def platter_region(camera: Camera, camera_from_base: Floats, radius: float) -> B
     return mask > 0
 
 
-def _marked(shape: tuple[int, ...], target: Target, markers: dict[int, Floats]) -> Bools:
+def _marked(shape: tuple[int, ...], markers: dict[int, Floats]) -> Bools:
     mask = np.zeros(shape[:2], dtype=np.uint8)
     for quad in markers.values():
         grown = quad + _AROUND * (quad - quad.mean(axis=0))

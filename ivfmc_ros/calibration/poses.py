@@ -12,6 +12,7 @@ from ivfmc_ros.calibration.bend import Bend
 from ivfmc_ros.calibration.boards import Board
 from ivfmc_ros.calibration.boards import Corners
 from ivfmc_ros.calibration.bundle import Bundle
+from ivfmc_ros.calibration.bundle import Free
 from ivfmc_ros.calibration.bundle import pose_covariances
 from ivfmc_ros.calibration.camera import adjust_with_bend
 from ivfmc_ros.calibration.camera import good_views
@@ -65,6 +66,7 @@ def place_boards(
     """
     Find the pose of the board in every view, and its bend from all of them together.
 
+    bend : whether the board may have a shape other than the nominal one
     returns : the boards, and (views,) bool: which views fit as well as the others
     """
     start = Bundle(
@@ -74,13 +76,12 @@ def place_boards(
         covariance=np.zeros((0, 0)),
         residuals=(),
     )
-    bundle = adjust_with_bend(board, views, start, intrinsics=False, bend=bend)
+    free = Free(intrinsics=False, stretch=bend, bend=bend)
+    bundle = adjust_with_bend(board, views, start, free)
     covariances = pose_covariances(board, views, bundle)
     placed = [
         Placed(pose=pose, covariance=covariance, bend=bundle.bend, rms=float(rms))
-        for pose, covariance, rms in zip(
-            bundle.poses, covariances, bundle.view_rms, strict=True
-        )
+        for pose, covariance, rms in zip(bundle.poses, covariances, bundle.view_rms, strict=True)
     ]
     return placed, good_views(bundle.view_rms)
 

@@ -11,6 +11,7 @@ import numpy as np
 from ivfmc_ros.calibration.axis import Sightings
 from ivfmc_ros.calibration.boards import Board
 from ivfmc_ros.calibration.boards import find_corners
+from ivfmc_ros.calibration.edges import inward
 from ivfmc_ros.calibration.markers import find_markers
 from ivfmc_ros.calibration.markers import Markers
 from ivfmc_ros.calibration.views import for_each_picture
@@ -112,8 +113,16 @@ def _collect(
         corner=corner,
         local_xyz=_face_up(target)[corner],
         uv=camera.rays(pixels)[:, :2] * focal_lengths(camera),
+        inward=_inward(target, pixels),
     )
     return sightings, pixels
+
+
+def _inward(target: Target, pixels: Floats) -> Floats:
+    """Return how corners move if edges do; those of a chessboard stay, both sides give way."""
+    if not isinstance(target, Markers):
+        return np.zeros_like(pixels)
+    return np.concatenate([inward(quad) for quad in pixels.reshape(-1, 4, 2)])
 
 
 def _face_up(target: Target) -> Floats:

@@ -3,6 +3,7 @@
 """The part of the laser stripe that lies on the board."""
 
 from dataclasses import dataclass
+from typing import cast
 
 import cv2
 import numpy as np
@@ -114,7 +115,7 @@ def _on_bright_ground(
         hat = cv2.morphologyEx(grey, cv2.MORPH_TOPHAT, np.ones((height, width), dtype=np.uint8))
         clear = np.ones((along, across) if stripe == 'rows' else (across, along), dtype=np.uint8)
         mask = cv2.erode(white.astype(np.uint8), clear) > 0
-        found = extract(np.asarray(hat), stripe, settings, mask=mask)
+        found = extract(cast(Image, hat), stripe, settings, mask=mask)
         if len(found) == 0:
             break
         reach = int(np.ceil(_REACH_SIGMAS * np.median(found.width))) + 2

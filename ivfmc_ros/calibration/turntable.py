@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ivfmc_ros.calibration.axis import Adjusted
-from ivfmc_ros.calibration.axis import adjust_axis
 from ivfmc_ros.calibration.axis import Axis
-from ivfmc_ros.calibration.axis import FreeAxis
 from ivfmc_ros.calibration.axis import Heights
 from ivfmc_ros.calibration.axis import Sightings
+from ivfmc_ros.calibration.axis_adjust import adjust_axis
+from ivfmc_ros.calibration.axis_adjust import Adjusted
+from ivfmc_ros.calibration.axis_adjust import FreeAxis
 from ivfmc_ros.calibration.axis_start import start_axis
 from ivfmc_ros.calibration.markers import Markers
 from ivfmc_ros.calibration.platter import PlatterStripes

@@ -38,8 +38,13 @@ class View:
 
     @property
     def name(self) -> str:
-        """File name."""
-        return self.path.name
+        """Folder and file: pictures of several folders may have the same file names."""
+        return name_of(self.path)
+
+
+def name_of(path: Path) -> str:
+    """Return how a picture is named in reports."""
+    return f'{path.parent.name}/{path.name}'
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
