@@ -1,0 +1,96 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""G-code as GRBL 1.1 reads it, for a board with one axis and two outputs."""
+
+from dataclasses import dataclass
+from dataclasses import field
+import re
+
+_WORD = re.compile(r'([A-Z])([-+]?(?:\d+\.?\d*|\.\d+))')
+_COMMENT = re.compile(r'\([^)]*\)?|;.*')
+
+# Of each modal group a line may have one.
+_GROUPS = {
+    'motion': ('G0', 'G1'),
+    'dwell': ('G4', 'G53'),
+    'plane': ('G17',),
+    'distance': ('G90', 'G91'),
+    'feed': ('G94',),
+    'units': ('G21',),
+    'work': ('G54',),
+    'end': ('M2', 'M30'),
+    'spindle': ('M3', 'M4', 'M5'),
+    'coolant': ('M8', 'M9'),
+}
+_GROUP_OF = {code: group for group, codes in _GROUPS.items() for code in codes}
+_VALUES = 'FNPSTXYZ'
+
+BAD_LETTER, BAD_NUMBER, NEGATIVE = 1, 2, 4
+UNSUPPORTED, TWICE_IN_GROUP, NO_FEED, NOT_WHOLE, REPEATED = 20, 21, 22, 23, 25
+NO_AXIS, MISSING = 26, 28
+G53_NEEDS_MOTION = 30
+
+
+class LineError(Exception):
+    """The board answers ``error:<number>``."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(f'error:{number}')
+        self.number = number
+
+
+@dataclass(frozen=True, kw_only=True)
+class Block:
+    """One line: what it says of each modal group, and its values by letter."""
+
+    codes: dict[str, str] = field(default_factory=dict)
+    values: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def moves(self) -> bool:
+        """It names a position."""
+        return any(axis in self.values for axis in 'XYZ')
+
+
+def clean(text: str) -> str:
+    """Return a line without spaces and comments, in capitals."""
+    return ''.join(_COMMENT.sub('', text).split()).upper()
+
+
+def read_block(text: str) -> Block:
+    """
+    Read a cleaned line.
+
+    :raises LineError: with the number that GRBL answers
+    """
+    codes: dict[str, str] = {}
+    values: dict[str, float] = {}
+    at = 0
+    while at < len(text):
+        match = _WORD.match(text, at)
+        if match is None:
+            raise LineError(BAD_NUMBER if text[at].isalpha() else BAD_LETTER)
+        at = match.end()
+        _take(match[1], float(match[2]), codes, values)
+    return Block(codes=codes, values=values)
+
+
+def _take(letter: str, value: float, codes: dict[str, str], values: dict[str, float]) -> None:
+    if letter in 'GM':
+        if value != int(value):
+            raise LineError(UNSUPPORTED if letter == 'G' else NOT_WHOLE)
+        code = f'{letter}{int(value)}'
+        group = _GROUP_OF.get(code)
+        if group is None:
+            raise LineError(UNSUPPORTED)
+        if group in codes:
+            raise LineError(TWICE_IN_GROUP)
+        codes[group] = code
+        return
+    if letter not in _VALUES:
+        raise LineError(UNSUPPORTED)
+    if letter in values:
+        raise LineError(REPEATED)
+    if letter in 'FNPST' and value < 0:
+        raise LineError(NEGATIVE)
+    values[letter] = value
