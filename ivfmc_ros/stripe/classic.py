@@ -93,9 +93,9 @@ def log_gaussian(patches: Patches, noise: Noise) -> Estimate:
     bell = signal
     for _ in range(_REWEIGHTINGS):
         weight = used * bell**2 / noise.variance(patches.values, bell)
-        squares = symmetric.sums(weight, powers)
-        pull = symmetric.sums(weight * logarithm, powers[:, :3])
-        covariance = symmetric.inverse([squares[i + j] for i, j in symmetric.UPPER])
+        squares = (weight @ powers).T.astype(np.float64)
+        pull = ((weight * logarithm) @ powers[:, :3]).T.astype(np.float64)
+        covariance = symmetric.inverse(squares[symmetric.SUM])
         c = symmetric.times(covariance, pull)
         # the next weights by the fitted bell, which is not dark by chance (Guo 2011)
         bell = np.exp(np.minimum((c.T.astype(np.float32) @ powers[:, :3].T), 12.0))

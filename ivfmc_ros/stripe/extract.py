@@ -95,20 +95,32 @@ def _estimates(
     grey: Image, settings: ExtractSettings, mask: Bools | None
 ) -> tuple[Ints, Floats, Estimate]:
     """Return rows (ascending), columns and estimates of all that is a stripe."""
-    none = np.zeros(0)
-    parts = [(np.zeros(0, dtype=np.int64), none, Estimate(*[none] * len(fields(Estimate))))]
-    for rows, patches in stripe_patches(grey, settings, mask):
-        estimate = METHODS[settings.method](patches, settings.noise or Noise())
-        u = patches.column + estimate.place
-        # a stripe that the picture's border cuts is measured off its centre
-        half = _WHOLE * estimate.width
-        good = _is_stripe(patches, estimate, settings)
-        good &= (u - half >= -0.5) & (u + half <= grey.shape[1] - 0.5)
-        parts.append((rows[good], u[good], estimate[good]))
-    rows = np.concatenate([part[0] for part in parts])
+    parts = [
+        _estimate(rows, patches, grey.shape[1], settings)
+        for rows, patches in stripe_patches(grey, settings, mask)
+    ]
+    if not parts:
+        none = np.zeros(0)
+        return none.astype(np.int64), none, Estimate(*[none] * len(fields(Estimate)))
+    if len(parts) == 1:
+        return parts[0]
+    rows, u = (np.concatenate(arrays) for arrays in list(zip(*parts, strict=True))[:2])
     order = np.argsort(rows)
-    u = np.concatenate([part[1] for part in parts])
     return rows[order], u[order], Estimate.joined([part[2] for part in parts])[order]
+
+
+def _estimate(
+    rows: Ints, patches: Patches, columns: int, settings: ExtractSettings
+) -> tuple[Ints, Floats, Estimate]:
+    estimate = METHODS[settings.method](patches, settings.noise or Noise())
+    u = patches.column + estimate.place
+    # a stripe that the picture's border cuts is measured off its centre
+    half = _WHOLE * estimate.width
+    good = _is_stripe(patches, estimate, settings)
+    good &= (u - half >= -0.5) & (u + half <= columns - 0.5)
+    if good.all():
+        return rows, u, estimate
+    return rows[good], u[good], estimate[good]
 
 
 def stripe_patches(
@@ -130,32 +142,29 @@ def stripe_patches(
         max_sigma=settings.max_sigma,
     )
     candidates = peaks.find(grey, scale, search, mask)
-    found = candidates.found
-    index = path.choose(candidates) if settings.path else np.where(found[:, 0], 0, -1)
+    index = path.choose(candidates) if settings.path else path.brightest(candidates)
     rows = np.flatnonzero(index >= 0)
     chosen = candidates[rows, index[rows]]
     limits = _valleys(candidates[rows], chosen)
     for part in _by_width(chosen.width, settings.max_widening):
-        yield (
-            rows[part],
-            Patches.cut(grey, scale, rows[part], chosen[part], settings.window, limits[part]),
-        )
+        within = None if limits is None else limits[part]
+        cut = Patches.cut(grey, scale, rows[part], chosen[part], settings.window, within)
+        yield rows[part], cut
 
 
-def _valleys(candidates: peaks.Peaks, chosen: peaks.Peaks) -> Floats:
-    """Return the columns half way to the next peaks, left and right, (n, 2); infinite if none."""
+def _valleys(candidates: peaks.Peaks, chosen: peaks.Peaks) -> Floats | None:
+    """Return the columns half way to the next peaks, left and right, (n, 2); None if no rivals."""
+    rivals = np.flatnonzero(candidates.found[:, 1:].any(axis=1))
+    if not len(rivals):
+        return None
     limits = np.tile([-np.inf, np.inf], (len(chosen.column), 1))
-    rivals = np.flatnonzero(candidates.found.sum(axis=1) > 1)
-    if len(rivals):
-        near = candidates[rivals]
-        middle = chosen.column[rivals, None]
-        half = np.where(near.found, 0.5 * (near.column + middle), np.nan)
-        with np.errstate(invalid='ignore'):
-            left, right = (
-                np.where(half < middle, half, -np.inf),
-                np.where(half > middle, half, np.inf),
-            )
-        limits[rivals] = np.stack([left.max(axis=1), right.min(axis=1)], axis=1)
+    near = candidates[rivals]
+    middle = chosen.column[rivals, None]
+    half = np.where(near.found, 0.5 * (near.column + middle), np.nan)
+    with np.errstate(invalid='ignore'):
+        left = np.where(half < middle, half, -np.inf)
+        right = np.where(half > middle, half, np.inf)
+    limits[rivals] = np.stack([left.max(axis=1), right.min(axis=1)], axis=1)
     return limits
 
 
@@ -163,7 +172,7 @@ def _by_width(width: Singles, max_widening: float) -> list[Ints]:
     """Sort peaks into usual and wide ones, so that few wide ones do not cost all a wide patch."""
     if not len(width):
         return []
-    usual = np.median(width)
+    usual = np.partition(width, len(width) // 2)[len(width) // 2]
     wide = width > _USUAL * usual
     groups = [np.flatnonzero(~wide), np.flatnonzero(wide & (width <= max_widening * usual))]
     return [group for group in groups if len(group)]

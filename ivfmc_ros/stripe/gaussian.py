@@ -47,8 +47,8 @@ class _State:
     """
     Where the fit stands.
 
-    bell, residual : (n, w) float32, grey values
-    weight : (n, w) float32, 1 / variance, 0 for unused pixels
+    bell, residual : (w, n) float32, grey values
+    weight : (w, n) float32, 1 / variance, 0 for unused pixels
     covariance : (6, n) of c0, c1, c2, in the order 00, 01, 02, 11, 12, 22
     step : (4, n), what Gauss and Newton would add to c
     """
@@ -61,13 +61,21 @@ class _State:
 
 
 class _Fit:
-    """The same fit in many rows; ``c`` is (4, n): the polynomial and the background."""
+    """
+    The same fit in many rows.
+
+    c : (4, n), the polynomial and the background
+    values, used : (w, n), as of the patches
+    powers : (5, w), of x
+    """
 
     def __init__(self, patches: Patches, noise: Noise) -> None:
         rough = patches.rough
-        self._patches = patches
+        # rows side by side: what belongs to a row then applies to all its pixels at once
+        self.values: Singles = np.ascontiguousarray(patches.values.T)
+        self.used: Singles = np.ascontiguousarray(patches.used.T)
+        self.powers: Singles = np.vander(patches.x, 5, increasing=True).T.astype(np.float32)
         self._noise = noise
-        self.powers: Singles = np.vander(patches.x, 5, increasing=True).astype(np.float32)
         self._level = rough.level.astype(np.float64)
         share = np.maximum(_LEVEL_SHARE * rough.height, _LEVEL_SIGMA).astype(np.float64)
         self._level_weight = share**-2
@@ -87,27 +95,27 @@ class _Fit:
         return state
 
     def _evaluate(self, *, cautious: bool) -> _State:
-        c = self.c.astype(np.float32).T
-        bell = np.exp(c[:, :3] @ self.powers[:, :3].T)
-        above = self._patches.values - c[:, 3:]
+        c = self.c.astype(np.float32)
+        bell = np.exp(self.powers[:3].T @ c[:3])
+        above = self.values - c[3]
         light = np.maximum(bell, above) if cautious else bell
-        weight = self._patches.used / self._noise.variance(light + c[:, 3:], light)
+        weight = self.used / self._noise.variance(light + c[3], light)
         residual = above - bell
         return _State(bell, residual, weight, *self._solve(bell, weight, residual))
 
     def _solve(self, bell: Singles, weight: Singles, residual: Singles) -> tuple[Floats, Floats]:
         """Return covariance and step: the background is eliminated, the rest is 3 x 3."""
+        powers = self.powers
         by_bell = weight * bell
-        squares = symmetric.sums(by_bell * bell, self.powers)
-        mixed = symmetric.sums(by_bell, self.powers[:, :3])
-        pull = symmetric.sums(by_bell * residual, self.powers[:, :3])
-        total = np.einsum('ij->i', weight) + self._level_weight
-        pull_level = np.einsum('ij,ij->i', weight, residual).astype(np.float64)
-        pull_level += self._level_weight * (self._level - self.c[3])
+        squares = (powers @ (by_bell * bell)).astype(np.float64)
+        mixed = (powers[:3] @ by_bell).astype(np.float64)
+        pull = (powers[:3] @ (by_bell * residual)).astype(np.float64)
+        total = (powers[0] @ weight) + self._level_weight
+        pull_level = powers[0] @ (weight * residual)
+        pull_level = pull_level + self._level_weight * (self._level - self.c[3])
         share = mixed / total
-        matrix = [squares[i + j] - mixed[i] * share[j] for i, j in symmetric.UPPER]
-        for diagonal in (0, 3, 5):
-            matrix[diagonal] += _RIDGE * (1.0 + matrix[diagonal])
+        matrix = squares[symmetric.SUM] - mixed[symmetric.FIRST] * share[symmetric.SECOND]
+        matrix[symmetric.DIAGONAL] += _RIDGE * (1.0 + matrix[symmetric.DIAGONAL])
         covariance = symmetric.inverse(matrix)
         step = symmetric.times(covariance, pull - share * pull_level)
         level_step = (pull_level - (mixed * step).sum(axis=0)) / total
@@ -119,7 +127,7 @@ class _Fit:
         step[:3] *= np.minimum(1.0, _LARGEST / np.maximum(size, 1e-9))
         self.c += step
         bounds = -0.5 / (self._sigma / _STRETCH) ** 2, -0.5 / (self._sigma * _STRETCH) ** 2
-        self.c[2] = np.clip(self.c[2], *bounds)
+        self.c[2] = np.minimum(np.maximum(self.c[2], bounds[0]), bounds[1])
 
 
 def fit(patches: Patches, noise: Noise) -> Estimate:
@@ -131,43 +139,46 @@ def fit(patches: Patches, noise: Noise) -> Estimate:
     height = np.exp(np.minimum(c0 - 0.25 * c1**2 / c2, 20.0))
     # the place is a function of c: its variance is g' C g
     sigma = symmetric.spread(state.covariance, np.stack([0.0 * c2, -0.5 / c2, 0.5 * c1 / c2**2]))
-    skew, skew_sigma = _skew(patches, state, place, width)
+    skew, skew_sigma = _skew(rows, state, place, width)
     return Estimate(
         place=place,
         width=width,
         height=height,
         sigma=sigma,
         snr=signal_to_noise(height, width, level, noise),
-        misfit=_misfit(patches, state),
+        misfit=_misfit(rows, state),
         skew=skew,
         skew_sigma=skew_sigma,
     )
 
 
-def _skew(patches: Patches, state: _State, place: Floats, width: Floats) -> tuple[Floats, Floats]:
+def _skew(rows: _Fit, state: _State, place: Floats, width: Floats) -> tuple[Floats, Floats]:
     """
     Return how one-sided each stripe is, as a share of its height, and the 1 sigma of that.
 
     It is the amplitude of an odd cubic in the residuals, made blind to what a shift of the
     stripe would leave.
     """
-    t = (patches.x - place[:, None].astype(np.float32)) / width[:, None].astype(np.float32)
+    x = rows.powers[1][:, None]
+    t = (x - place.astype(np.float32)) / width.astype(np.float32)
     square = t * t
+    one = rows.powers[0]
     by_bell = state.weight * state.bell
     by_square = by_bell * state.bell * square
-    second = np.einsum('ij->i', by_square)
-    fourth = np.einsum('ij,ij->i', by_square, square)
-    odd = t * (square - (fourth / np.maximum(second, 1e-9))[:, None])
+    # of a bell the ratio of the fourth to the second moment; weights make it another
+    ratio = (one @ (by_square * square)) / np.maximum(one @ by_square, 1e-9)
+    odd = t * (square - ratio)
     by_odd = by_bell * odd
-    power = np.maximum(np.einsum('ij,ij,ij->i', by_odd, odd, state.bell), 1e-9)
-    skew = np.einsum('ij,ij->i', by_odd, state.residual) / power
+    power = np.maximum(one @ (by_odd * odd * state.bell), 1e-9)
+    skew = (one @ (by_odd * state.residual)) / power
     return skew.astype(np.float64), (power**-0.5).astype(np.float64)
 
 
-def _misfit(patches: Patches, state: _State) -> Floats:
+def _misfit(rows: _Fit, state: _State) -> Floats:
     """Return by how much residuals exceed the noise for certain, 1 or more."""
-    count = np.maximum(np.einsum('ij->i', patches.used) - 4.0, 1.0)
-    chi2 = np.einsum('ij,ij,ij->i', state.residual, state.residual, state.weight) / count
+    one = rows.powers[0]
+    count = np.maximum(one @ rows.used - 4.0, 1.0)
+    chi2 = (one @ (state.residual * state.residual * state.weight)) / count
     return np.asarray(np.sqrt(np.maximum(chi2 - 3.0 * np.sqrt(2.0 / count), 1.0)))
 
 
@@ -192,8 +203,8 @@ def residuals(patches: Patches, noise: Noise) -> Residuals:
     """Return the residuals of all pixels that tell something of the noise."""
     rows = _Fit(patches, noise)
     state = rows.run(_MANY_STEPS)
-    bell, weight = state.bell.astype(np.float64), state.weight.astype(np.float64)
-    powers = rows.powers[:, :3].astype(np.float64)
+    bell, weight = state.bell.T.astype(np.float64), state.weight.T.astype(np.float64)
+    powers = rows.powers[:3].T.astype(np.float64)
     slopes = np.concatenate([bell[..., None] * powers, np.ones((*bell.shape, 1))], axis=2)
     normal = np.einsum('nwi,nw,nwj->nij', slopes, weight, slopes)
     normal[:, [0, 1, 2, 3], [0, 1, 2, 3]] *= 1.0 + _RIDGE
@@ -206,5 +217,5 @@ def residuals(patches: Patches, noise: Noise) -> Residuals:
         laser=bell[told],
         height=height[told],
         place=((patches.x + 0.5 * c1 / c2) * np.sqrt(-2.0 * c2))[told],
-        residual=(state.residual[told] / np.sqrt(1.0 - taken[told])).astype(np.float64),
+        residual=(state.residual.T[told] / np.sqrt(1.0 - taken[told])).astype(np.float64),
     )

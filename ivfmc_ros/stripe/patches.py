@@ -8,6 +8,7 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
@@ -46,47 +47,55 @@ class Patches:
 
     @classmethod
     def cut(
-        cls, grey: Image, scale: float, rows: Ints, rough: Peaks, window: float, limits: Floats
+        cls,
+        grey: Image,
+        scale: float,
+        rows: Ints,
+        rough: Peaks,
+        window: float,
+        limits: Floats | None,
     ) -> 'Patches':
         """
         Cut out the surroundings of one peak in each of ``rows``.
 
         window : half of it, in sigmas of each peak
-        limits : (n, 2) columns, first and last that may show the peak
+        limits : (n, 2) columns, first and last that may show the peak; None for all
         """
         half = window * np.maximum(rough.width, 1.0) + 0.8
         column = rough.column + np.rint(rough.middle).astype(np.int64)
         reach = int(np.ceil(float(half.max(initial=1.0)))) + 1
         steps = np.arange(-reach, reach + 1)
         width = grey.shape[1]
-        places = column[:, None] + steps
-        on_picture = column.min(initial=reach) >= reach
-        on_picture &= column.max(initial=0) + reach < width
-        inside = places if on_picture else np.clip(places, 0, width - 1)
-        values = grey.ravel().take(inside + (rows * width)[:, None]).astype(np.float32)
-        values *= np.float32(scale)
+        inside = bool(column.min(initial=reach) >= reach)
+        inside = inside and bool(column.max(initial=reach) + reach < width)
+        if inside:
+            pixels = sliding_window_view(grey, len(steps), axis=1)[rows, column - reach]
+        else:
+            places = column[:, None] + steps
+            pixels = grey[rows[:, None], np.minimum(np.maximum(places, 0), width - 1)]
+        values: Singles = np.multiply(pixels, scale, dtype=np.float32)
         x = steps.astype(np.float32)
         middle = (rough.column + rough.middle - column).astype(np.float32)
         used = np.abs(x - middle[:, None]) <= half[:, None]
-        if not on_picture:
-            used &= inside == places
-        _within(used, places, limits, reach)
-        clipped = values >= _FULL
-        if clipped.any():
-            used &= ~_grown(clipped)
+        if not inside:
+            used &= (places >= 0) & (places < width)
+        if limits is not None:
+            _within(used, column, steps, limits)
+        if values.max(initial=0.0) >= _FULL:
+            used &= ~_grown(values >= _FULL)
         return cls(x, column, values, used.astype(np.float32), rough)
 
     def __len__(self) -> int:
         return len(self.column)
 
 
-def _within(used: Bools, places: Ints, limits: Floats, reach: int) -> None:
+def _within(used: Bools, column: Ints, steps: Ints, limits: Floats) -> None:
     """Leave out pixels beyond the limits; few rows have any in reach."""
-    middle = places[:, reach]
-    near = np.flatnonzero((limits[:, 0] > middle - reach) | (limits[:, 1] < middle + reach))
+    reach = steps[-1]
+    near = np.flatnonzero((limits[:, 0] > column - reach) | (limits[:, 1] < column + reach))
     if len(near):
-        fits = (places[near] >= limits[near, :1]) & (places[near] <= limits[near, 1:])
-        used[near] &= fits
+        places = column[near, None] + steps
+        used[near] &= (places >= limits[near, :1]) & (places <= limits[near, 1:])
 
 
 def _grown(clipped: Bools) -> Bools:

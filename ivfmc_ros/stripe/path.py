@@ -40,9 +40,8 @@ def choose(peaks: Peaks) -> Ints:
 
     peaks : arrays (rows, candidates), the brightest first
     """
-    found = peaks.found
-    chosen = np.where(found.any(axis=1), found.argmax(axis=1), -1)
-    rivals: Bools = found.sum(axis=1) > 1
+    chosen = brightest(peaks)
+    rivals: Bools = peaks.found.sum(axis=1) > 1
     if not rivals.any():
         return chosen
     rows = _around(rivals, chosen >= 0)
@@ -55,6 +54,12 @@ def choose(peaks: Peaks) -> Ints:
     backward = _forward(np.zeros(unary.shape[1], np.float32), pairs[..., ::-1].swapaxes(0, 1))
     chosen[rows] = (forward + backward[:, ::-1]).argmin(axis=0)
     return chosen
+
+
+def brightest(peaks: Peaks) -> Ints:
+    """Return the brightest peak of each row, (rows,) int64; -1 where there is none."""
+    found = peaks.found
+    return np.where(found.any(axis=1), found.argmax(axis=1), -1)
 
 
 def _around(rivals: Bools, any_found: Bools) -> Ints:

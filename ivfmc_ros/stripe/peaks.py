@@ -27,13 +27,13 @@ CANDIDATES = 3
 FWHM_PER_SIGMA = 2.0 * np.sqrt(2.0 * np.log(2.0))
 
 # Steps away from a peak at which it is measured: dense at the peak, wide at the background.
-_STEPS = np.array([0, 1, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 31, 38, 48, 60, 75, 94, 117, 150])
+_STEPS = np.array([0, 1, 2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64, 85, 113, 150])
 # Beyond so many sigmas of a peak another one may begin.
 _BLANK = 3.0
 # A second peak below this share of the first is part of the first one's surroundings.
 _RIVAL = 0.1
 # Picture noise is estimated from every so many rows and columns.
-_EVERY = 12
+_EVERY = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,56 +146,60 @@ def _store(column: Ints, rest: Singles, k: int, rows: Ints, peaks: Peaks) -> Non
 
 def _blank(smooth: Image, peaks: Peaks) -> None:
     """Make the surroundings of one peak a row dark."""
-    reach = np.ceil(_BLANK * np.nan_to_num(peaks.width, nan=2.0)).astype(np.int64) + 2
-    steps = np.arange(-reach.max(initial=0), reach.max(initial=0) + 1)
-    # steps beyond a peak's own reach fall on its border again
-    steps = np.clip(steps, -reach[:, None], reach[:, None])
+    # what is left of a few wider ones rises towards its peak, and is no peak of its own
+    widths = np.sort(peaks.width[peaks.found])
+    usual = float(widths[9 * len(widths) // 10]) if len(widths) else 1.0
     width = smooth.shape[1]
-    columns = np.clip(peaks.column[:, None] + steps, 0, width - 1)
-    smooth.reshape(-1)[columns + np.arange(0, smooth.size, width)[:, None]] = 0
+    reach = min(int(np.ceil(_BLANK * usual)) + 2, (width - 1) // 2)
+    middle = np.clip(peaks.column, reach, width - 1 - reach)
+    middle += np.arange(0, smooth.size, width)
+    smooth.reshape(-1)[middle[:, None] + np.arange(-reach, reach + 1)] = 0
 
 
 def _measure(smooth: Image, scale: float, search: Search, rows: Ints, columns: Ints) -> Peaks:
     """Measure one peak in each of the rows, which are rows of ``smooth``."""
     steps = _STEPS[: 1 + np.searchsorted(_STEPS, 3.0 * search.max_sigma)]
-    far = np.clip(columns[:, None] + np.concatenate([-steps[:0:-1], steps]), 0, None)
-    far = np.minimum(far, smooth.shape[1] - 1)
-    values = smooth.ravel().take(far + (rows * smooth.shape[1])[:, None]).astype(np.float32)
-    values *= np.float32(scale)
-    middle = len(steps) - 1
-    sides = values[:, middle::-1], values[:, middle:]
-    levels = [_side_level(side) for side in sides]
-    top = values[:, middle]
-    reaches = [
-        _first_below(side, 0.5 * (top + level), steps)
-        for side, level in zip(sides, levels, strict=True)
-    ]
+    left, right = (_side(smooth, scale, rows, columns, direction * steps) for direction in (-1, 1))
+    levels = _level(left), _level(right)
+    top = left[0]
+    reach_left = _first_below(left, 0.5 * (top + levels[0]), steps)
+    reach_right = _first_below(right, 0.5 * (top + levels[1]), steps)
     height = top - np.maximum(*levels)
     # the box has widened the peak
-    variance = ((reaches[0] + reaches[1]) / FWHM_PER_SIGMA) ** 2 - (search.box**2 - 1) / 12.0
+    variance = ((reach_left + reach_right) / FWHM_PER_SIGMA) ** 2 - (search.box**2 - 1) / 12.0
     width = np.sqrt(np.maximum(variance, 0.25)).astype(np.float32)
     with np.errstate(invalid='ignore'):
-        bad = (height < search.threshold) | (width > search.max_sigma)
-    width[bad] = np.nan
-    offset = 0.5 * (reaches[1] - reaches[0])
-    return Peaks(columns, offset.astype(np.float32), width, height, np.minimum(*levels))
+        width[(height < search.threshold) | (width > search.max_sigma)] = np.nan
+    middle = (0.5 * (reach_right - reach_left)).astype(np.float32)
+    return Peaks(columns, middle, width, height, np.minimum(*levels))
 
 
-def _side_level(side: Singles) -> Singles:
-    """Return the background of one side of peaks: low, but not the lowest pixel's noise."""
-    dark = max(1, side.shape[1] // 5)
-    return np.asarray(np.partition(side, dark, axis=1)[:, dark])
+def _side(smooth: Image, scale: float, rows: Ints, columns: Ints, steps: Ints) -> Singles:
+    """Return grey values at steps from peaks, (steps, n)."""
+    last = smooth.shape[1] - 1
+    places = columns + steps[:, None]
+    if places[-1].min(initial=0) < 0 or places[-1].max(initial=0) > last:
+        places = np.minimum(np.maximum(places, 0), last)
+    places += rows * (last + 1)
+    return np.multiply(smooth.reshape(-1).take(places), scale, dtype=np.float32)
 
 
-def _first_below(values: Singles, level: Singles, steps: Ints) -> Floats:
+def _level(side: Singles) -> Singles:
+    """Return the background on one side of peaks: low, but not the lowest pixel's noise."""
+    outer = side[len(side) // 3 :]
+    return np.asarray(0.5 * (outer[:-1] + outer[1:]).min(axis=0))
+
+
+def _first_below(side: Singles, level: Singles, steps: Ints) -> Floats:
     """Return the interpolated step at which values first fall below level; NaN if never."""
-    below = values < level[:, None]
+    below = side < level
     # the peak itself may be a dark grain of speckle: the fall counts from its neighbour
-    below[:, 0] = False
-    index = below.argmax(axis=1)
-    rows = np.arange(len(values))
-    after, before = values[rows, index], values[rows, np.maximum(index - 1, 0)]
+    below[0] = False
+    index = below.argmax(axis=0)
+    peak = np.arange(side.shape[1])
+    before = np.maximum(index - 1, 0)
+    last, first = side[before, peak], side[index, peak]
     with np.errstate(divide='ignore', invalid='ignore'):
-        share = np.clip((before - level) / (before - after), 0.0, 1.0)
-        start, stop = steps[np.maximum(index - 1, 0)], steps[index]
-        return np.where(index > 0, start + share * (stop - start), np.nan)
+        share = np.minimum(np.maximum((last - level) / (last - first), 0.0), 1.0)
+        reach = steps[before] + share * (steps[index] - steps[before])
+        return np.where(index > 0, reach, np.nan)

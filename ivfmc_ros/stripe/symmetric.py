@@ -10,24 +10,24 @@ takes a fifth of the time of ``numpy.linalg.solve``.
 import numpy as np
 
 from ivfmc_ros.model import Floats
-from ivfmc_ros.model import Singles
 
-UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+# Row, column and their sum of each entry; where the diagonal is.
+FIRST = np.array([0, 0, 0, 1, 1, 2])
+SECOND = np.array([0, 1, 2, 1, 2, 2])
+SUM = FIRST + SECOND
+DIAGONAL = np.array([0, 3, 5])
+
+# A cofactor is the difference of two products of entries.
+_PLUS = np.array([3, 2, 1, 0, 1, 0]), np.array([5, 4, 4, 5, 2, 3])
+_MINUS = np.array([4, 1, 2, 2, 0, 1]), np.array([4, 5, 3, 2, 4, 1])
 
 
-def sums(values: Singles, powers: Singles) -> Floats:
-    """Return sums over the pixels of values times powers of x, (powers, n)."""
-    return np.asarray((values @ powers).T, dtype=np.float64, order='C')
-
-
-def inverse(matrix: list[Floats]) -> Floats:
-    """Return the inverse of symmetric 3 x 3 matrices, both as their six upper entries."""
-    a, b, c, d, e, f = matrix
-    cofactors = np.stack(
-        [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b]
-    )
-    determinant = a * cofactors[0] + b * cofactors[1] + c * cofactors[2]
-    return np.asarray(cofactors / np.maximum(determinant, 1e-9 * a * d * f))
+def inverse(matrix: Floats) -> Floats:
+    """Return the inverses of positive definite matrices (6, n), in the same form."""
+    cofactors = matrix[_PLUS[0]] * matrix[_PLUS[1]] - matrix[_MINUS[0]] * matrix[_MINUS[1]]
+    determinant = (matrix[:3] * cofactors[:3]).sum(axis=0)
+    least = 1e-9 * matrix[0] * matrix[3] * matrix[5]
+    return np.asarray(cofactors / np.maximum(determinant, least))
 
 
 def times(matrix: Floats, vector: Floats) -> Floats:
