@@ -1,6 +1,5 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-import os
 from pathlib import Path
 
 import pytest
@@ -49,13 +48,9 @@ def test_full_disk_is_named_and_leaves_nothing(tmp_path):
 
 
 def test_file_is_as_readable_as_any_other(tmp_path):
-    old = os.umask(0o027)
-    try:
-        files.write_text(tmp_path / 'a.txt', 'x')
-        assert os.umask(0o027) == 0o027
-    finally:
-        os.umask(old)
-    assert (tmp_path / 'a.txt').stat().st_mode & 0o777 == 0o640
+    (tmp_path / 'other.txt').touch()
+    files.write_text(tmp_path / 'a.txt', 'x')
+    assert (tmp_path / 'a.txt').stat().st_mode == (tmp_path / 'other.txt').stat().st_mode
 
 
 def test_missing_folder_is_refused(tmp_path):
