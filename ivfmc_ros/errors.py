@@ -46,6 +46,18 @@ class BagError(FileError):
     code = 'BAD_BAG'
 
 
+class MessageError(ScanError):
+    """A message cannot be understood: a field is missing, or its data are not what it says."""
+
+    code = 'BAD_MESSAGE'
+
+
+class NotReadyError(ScanError):
+    """A node lacks something that it needs first, such as its cell or a camera_info."""
+
+    code = 'NOT_READY'
+
+
 class NoStripeError(ScanError):
     """No picture of a scan shows the laser stripe."""
 
@@ -95,9 +107,17 @@ class CameraLostError(DeviceError):
 
 
 class BusyError(ScanError):
-    """A scan is running, and only one can."""
+    """
+    A scan is running, and only one can.
+
+    values : stand beside code and detail in the answer, such as scan_id
+    """
 
     code = 'BUSY'
+
+    def __init__(self, detail: str, **values: object) -> None:
+        super().__init__(detail)
+        self.values = values
 
 
 class StateError(ScanError):
@@ -129,10 +149,12 @@ class HelperError(ScanError):
     A part of the cell is missing, silent, or answered that it could not do its work.
 
     code : of the part that knows best what went wrong, such as CAMERA_LOST
+    values : stand beside code and detail in the answer
     """
 
     code = 'HELPER'
 
-    def __init__(self, code: str, detail: str) -> None:
+    def __init__(self, code: str, detail: str, **values: object) -> None:
         super().__init__(detail)
         self.code = code
+        self.values = values

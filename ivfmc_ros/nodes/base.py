@@ -10,7 +10,6 @@ into the answer of a service.
 from collections.abc import Awaitable
 from collections.abc import Callable
 from collections.abc import Sequence
-import functools
 import inspect
 import signal
 import threading
@@ -89,23 +88,22 @@ class CellNode(ParameterNode):
         """Return a publisher with the QoS of the topic."""
         return self.create_publisher(kind, topic, qos.of_topic(topic))
 
-    def border(self, function: Callable[..., object]) -> Callable[..., None]:
+    def border(self, function: Callable[..., object], name: str = '') -> Callable[..., None]:
         """
         Return ``function`` as a callback whose exceptions become a diagnostic.
 
-        The trouble has the name of the function, is logged when it begins or changes, and is over
-        when the function returns again.
+        The trouble has the name ``name`` (by default the function's), is logged when it begins or
+        changes, and is over when the function returns again.
         """
-        name = getattr(function, '__name__', type(function).__name__).strip('_')
+        named = name or getattr(function, '__name__', type(function).__name__).strip('_')
 
-        @functools.wraps(function)
         def guarded(*arguments: Any) -> None:
             try:
                 function(*arguments)
             except Exception as error:  # whatever it is, spin goes on
-                self.trouble(name, error)
+                self.trouble(named, error)
             else:
-                self.health.clear(name)
+                self.health.clear(named)
 
         return guarded
 

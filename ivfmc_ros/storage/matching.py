@@ -104,6 +104,7 @@ class _Waiting:
     number: int
     arrived_s: float
     payload: Any
+    settings: MatchSettings
 
 
 class Matcher:
@@ -155,9 +156,13 @@ class Matcher:
         return self._lit.add(stamp_ns, states)
 
     def picture(self, stamp_ns: int, payload: Any, now_s: float = 0.0) -> None:
-        """Let a picture wait; ``now_s`` is when it came, on a clock that never jumps."""
+        """
+        Let a picture wait; it will be judged by the settings of now.
+
+        now_s : when it came, on a clock that never jumps
+        """
         self._count += 1
-        insort(self._waiting, _Waiting(stamp_ns, self._count, now_s, payload))
+        insort(self._waiting, _Waiting(stamp_ns, self._count, now_s, payload, self.settings))
 
     def drop_oldest(self) -> Match:
         """Give up the picture that comes first."""
@@ -172,49 +177,52 @@ class Matcher:
         """
         while self._waiting:
             first = self._waiting[0]
-            if not self._bracketed(first.stamp_ns) and now_s - first.arrived_s < patience_s:
+            if not self._bracketed(first) and now_s - first.arrived_s < patience_s:
                 return
             del self._waiting[0]
             yield self._judge(first)
 
-    def _bracketed(self, stamp_ns: int) -> bool:
-        end = stamp_ns + int(self.settings.exposure * _NANOSECONDS)
-        stands = self.settings.motion == 'step'
+    def _bracketed(self, waiting: _Waiting) -> bool:
+        stamp_ns, settings = waiting.stamp_ns, waiting.settings
+        end = stamp_ns + int(settings.exposure * _NANOSECONDS)
+        stands = settings.motion == 'step'
         table = self._table.stamps
         if not table or not table[0] <= stamp_ns or table[-1] < (end if stands else stamp_ns):
             return False
-        return self.settings.always_on or bool(self._lit.stamps and self._lit.stamps[-1] >= end)
+        return settings.always_on or bool(self._lit.stamps and self._lit.stamps[-1] >= end)
 
     def _judge(self, waiting: _Waiting) -> Match:
-        stamp = waiting.stamp_ns
-        exposure = int(self.settings.exposure * _NANOSECONDS)
-        laser, reason = self._lit.during(stamp, exposure, self.settings.always_on)
+        stamp, settings = waiting.stamp_ns, waiting.settings
+        exposure = int(settings.exposure * _NANOSECONDS)
+        laser, reason = self._lit.during(stamp, exposure, settings.always_on)
         if not self._table.covers(stamp):
             reason = 'no angle'
-        elif laser is not None and self.settings.view_of(laser) < 0:
+        elif laser is not None and settings.view_of(laser) < 0:
             reason = 'laser not measured'
-        elif not reason and self.settings.motion == 'step':
-            reason = self._why_no_step(stamp, exposure, self.settings.view_of(laser or 0))
+        elif not reason and settings.motion == 'step':
+            reason = self._why_no_step(waiting, settings.view_of(laser or 0))
         if reason or laser is None:
             return Match(payload=waiting.payload, stamp_ns=stamp, reason=reason)
         angle = self._table.at(stamp)
         if self._turns is None:
             # many turns from zero, single precision would not hold an angle
             self._turns = _TURN * round(angle / _TURN)
-        self._measured[self.settings.view_of(laser)] = angle
+        self._measured[settings.view_of(laser)] = angle
         return Match(
             payload=waiting.payload,
             stamp_ns=stamp,
             angle=float(np.float32(angle - self._turns)),
             speed=float(np.float32(self._table.speed(stamp))),
             laser=laser,
-            view=self.settings.view_of(laser),
+            view=settings.view_of(laser),
         )
 
-    def _why_no_step(self, stamp_ns: int, exposure_ns: int, view: int) -> str:
-        settle = int(self.settings.settle * _NANOSECONDS)
-        if self._table.way(stamp_ns - settle, stamp_ns + exposure_ns) > self.settings.stand:
+    def _why_no_step(self, waiting: _Waiting, view: int) -> str:
+        stamp_ns, settings = waiting.stamp_ns, waiting.settings
+        begin = stamp_ns - int(settings.settle * _NANOSECONDS)
+        end = stamp_ns + int(settings.exposure * _NANOSECONDS)
+        if self._table.way(begin, end) > settings.stand:
             return 'table moving'
         before = self._measured.get(view, math.inf)
-        same = abs(self._table.at(stamp_ns) - before) < self.settings.min_step
+        same = abs(self._table.at(stamp_ns) - before) < settings.min_step
         return 'angle measured already' if same else ''

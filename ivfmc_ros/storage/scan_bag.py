@@ -16,9 +16,7 @@ from typing import Any
 import numpy as np
 
 from ivfmc_ros.cell.camera import Camera
-from ivfmc_ros.cell.camera import DISTORTION_COEFFICIENTS
 from ivfmc_ros.errors import BagError
-from ivfmc_ros.errors import CellError
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.model import Frame
 from ivfmc_ros.model import Image
@@ -27,6 +25,7 @@ from ivfmc_ros.storage import cdr
 from ivfmc_ros.storage.bag_reader import Bag
 from ivfmc_ros.storage.bag_reader import open_bag
 from ivfmc_ros.storage.bag_reader import Raw
+from ivfmc_ros.storage.camera_info import camera_of
 from ivfmc_ros.storage.image_decoding import decode_compressed
 from ivfmc_ros.storage.image_decoding import decode_image
 from ivfmc_ros.storage.matching import Matcher
@@ -241,22 +240,7 @@ def _require_lasers(
 def _camera(bag: Bag, roles: Roles, messages: Mapping[str, list[Any]]) -> Camera:
     if roles.camera_info is None:
         raise missing(bag, 'camera_info')
-    info = messages['camera_info'][0]
-    model = info.distortion_model or 'plumb_bob'
-    distortion = np.asarray(info.d, dtype=np.float64)
-    if not distortion.any():
-        # a lens without distortion may be given without coefficients
-        distortion = np.zeros(DISTORTION_COEFFICIENTS.get(model, 0))
-    try:
-        return Camera(
-            width=int(info.width),
-            height=int(info.height),
-            K=np.asarray(info.k, dtype=np.float64).reshape(3, 3),
-            distortion=distortion,
-            model=model,
-        )
-    except CellError as error:
-        raise BagError(f'{bag.path}: {roles.camera_info.name}: {error}') from error
+    return camera_of(messages['camera_info'][0], f'{bag.path}: {roles.camera_info.name}')
 
 
 def _text(stamp_ns: int) -> str:

@@ -1,0 +1,35 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The camera that a sensor_msgs/CameraInfo describes, from a bag or live."""
+
+from typing import Any
+
+import numpy as np
+
+from ivfmc_ros.cell.camera import Camera
+from ivfmc_ros.cell.camera import DISTORTION_COEFFICIENTS
+from ivfmc_ros.errors import BagError
+from ivfmc_ros.errors import CellError
+
+
+def camera_of(info: Any, where: str = 'camera_info') -> Camera:
+    """
+    Return the camera of a CameraInfo; the message of an error begins with ``where``.
+
+    :raises BagError: it describes none, for example an uncalibrated one
+    """
+    model = info.distortion_model or 'plumb_bob'
+    distortion = np.asarray(info.d, dtype=np.float64)
+    if not distortion.any():
+        # a lens without distortion may be given without coefficients
+        distortion = np.zeros(DISTORTION_COEFFICIENTS.get(model, 0))
+    try:
+        return Camera(
+            width=int(info.width),
+            height=int(info.height),
+            K=np.asarray(info.k, dtype=np.float64).reshape(3, 3),
+            distortion=distortion,
+            model=model,
+        )
+    except CellError as error:
+        raise BagError(f'{where}: {error}') from error
