@@ -15,6 +15,10 @@ from ivfmc_ros.errors import ScanError
 _COMMANDS = {
     'calibrate': 'ivfmc_ros.cli.calibrate:calibrate',
     'demo': 'ivfmc_ros.cli.demo:demo',
+    'replay': 'ivfmc_ros.cli.replay:replay',
+    'scan': 'ivfmc_ros.cli.scan:scan',
+    'scans': 'ivfmc_ros.cli.scans:scans',
+    'up': 'ivfmc_ros.cli.up:up',
     'import-images': 'ivfmc_ros.cli.import_images:import_images',
     'reconstruct': 'ivfmc_ros.cli.reconstruct:reconstruct',
 }

@@ -1,0 +1,203 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Publishes the messages of a bag, as fast as asked for or as fast as they are worked off."""
+
+from collections.abc import Callable
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+import time
+from typing import Any
+
+from ivfmc_ros.cli.client import CellClient
+from ivfmc_ros.errors import HelperError
+from ivfmc_ros.storage import cdr
+from ivfmc_ros.storage.bag_reader import Bag
+from ivfmc_ros.storage.bag_reader import Raw
+from ivfmc_ros.storage.image_decoding import decode_compressed
+from ivfmc_ros.storage.messages import COMPRESSED_IMAGE
+from ivfmc_ros.storage.messages import IMAGE
+from ivfmc_ros.storage.messages import image as image_message
+
+# Fewer than the triangulator keeps, so that none is pushed out of its history.
+_WINDOW = 10
+# Pictures that give no profile (laser off, table moving) are not waited for longer, seconds.
+_PATIENCE_S = 0.7
+_SPIN_S = 0.002
+
+
+@dataclass(frozen=True, kw_only=True)
+class Track:
+    """
+    One topic of a bag and where it goes.
+
+    picture : its messages are pictures, of which not too many may be under way
+    decode : pictures are compressed and published decoded
+    """
+
+    source: str
+    target: str
+    msgtype: str
+    picture: bool = False
+    decode: Callable[[Raw], Any] | None = None
+
+
+def target_of(bag: Bag, source: str, target: str, picture: bool = False) -> Track:
+    """Return how a topic is published; the triangulator takes pictures that are not compressed."""
+    msgtype = cdr.full_name(bag.topic(source).msgtype)
+    if picture and msgtype == COMPRESSED_IMAGE:
+        decode = bag.decoder(source)
+        return Track(source=source, target=target, msgtype=IMAGE, picture=True, decode=decode)
+    return Track(source=source, target=target, msgtype=msgtype, picture=picture)
+
+
+def message_class(msgtype: str) -> Any:
+    """
+    Return the class of a type such as 'sensor_msgs/msg/Image'.
+
+    :raises HelperError: its package is not installed
+    """
+    package, _, name = msgtype.partition('/msg/')
+    try:
+        return getattr(import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError) as error:
+        raise HelperError('NO_ROS', f'{msgtype}: is not installed ({error})') from error
+
+
+class BagPlayer:
+    """Publishes some topics of a bag in their order."""
+
+    def __init__(
+        self, client: CellClient, bag: Bag, tracks: Mapping[str, Track], clock: bool
+    ) -> None:
+        """
+        Prepare to publish.
+
+        tracks : by the topic in the bag
+        clock : publish /clock, too
+        :raises HelperError: somebody else publishes one of the topics
+        """
+        from rosgraph_msgs.msg import Clock
+        from sensor_msgs.msg import PointCloud2
+
+        from ivfmc_ros.nodes import qos
+
+        self._client = client
+        self._bag = bag
+        self._tracks = tracks
+        node = client.node
+        self._refuse_others()
+        self._publishers = {
+            track.target: node.create_publisher(
+                message_class(track.msgtype), track.target, qos.of_topic(track.target)
+            )
+            for track in tracks.values()
+        }
+        self._clock = node.create_publisher(Clock, '/clock', qos.reliable(10)) if clock else None
+        self.profiles = 0
+        self.pictures = 0
+        self._under_way: list[int] = []
+        self._last_profile = time.monotonic()
+        node.create_subscription(
+            PointCloud2, 'profile', self._hear_profile, qos.of_topic('profile')
+        )
+
+    def await_listeners(self, seconds: float) -> None:
+        """:raises HelperError: nobody listens to the pictures and the table."""
+        for track in self._tracks.values():
+            publisher = self._publishers[track.target]
+            self._client.until(
+                lambda publisher=publisher: publisher.get_subscription_count() > 0,  # type: ignore[misc]
+                seconds,
+                f'somebody who listens to {publisher.topic_name}',
+            )
+
+    def play(self, rate: float, progress: Callable[[int], None]) -> None:
+        """
+        Publish everything.
+
+        rate : times the recorded speed; 0.0 is as fast as pictures become profiles
+        progress : is called with the number of messages that are out
+        """
+        start: tuple[float, int] | None = None
+        for count, raw in enumerate(self._bag.messages(self._tracks.keys()), start=1):
+            if rate > 0.0:
+                start = start or (time.monotonic(), raw.log_time_ns)
+                self._sleep_until(start[0] + (raw.log_time_ns - start[1]) * 1e-9 / rate)
+            self._publish(raw)
+            progress(count)
+            if rate == 0.0:
+                self._hold_back()
+        self._drain()
+
+    def _refuse_others(self) -> None:
+        # what is discovered takes a moment to be known
+        end = time.monotonic() + 1.0
+        while time.monotonic() < end:
+            self._client.spin(0.05)
+        for track in self._tracks.values():
+            others = self._client.node.get_publishers_info_by_topic(
+                self._client.node.resolve_topic_name(track.target)
+            )
+            if others:
+                names = ', '.join(sorted({f'{o.node_namespace}/{o.node_name}' for o in others}))
+                raise HelperError(
+                    'BUSY',
+                    f'{track.target} is published by {names}; end that first '
+                    "('ivfmc up --replay' starts no camera and no turntable)",
+                )
+
+    def _publish(self, raw: Raw) -> None:
+        track = self._tracks[raw.topic]
+        data, stamp_ns = raw.data, raw.log_time_ns
+        if track.decode is not None:
+            message = track.decode(raw)
+            stamp_ns = cdr.stamp_ns(message)
+            data = cdr.encode(image_message(stamp_ns, decode_compressed(message, raw.topic)))
+        elif track.picture:
+            stamp_ns = _stamp_ns(data)
+        if self._clock is not None:
+            self._tell_clock(raw.log_time_ns)
+        self._publishers[track.target].publish(data)
+        if track.picture:
+            self.pictures += 1
+            self._under_way.append(stamp_ns)
+        self._client.spin(0.0)
+
+    def _tell_clock(self, stamp_ns: int) -> None:
+        from builtin_interfaces.msg import Time
+        from rosgraph_msgs.msg import Clock
+
+        seconds, nanoseconds = divmod(stamp_ns, cdr.NANOSECONDS)
+        self._clock.publish(Clock(clock=Time(sec=seconds, nanosec=nanoseconds)))  # type: ignore[union-attr]
+
+    def _hear_profile(self, message: Any) -> None:
+        stamp_ns = cdr.stamp_ns(message)
+        self.profiles += 1
+        self._last_profile = time.monotonic()
+        self._under_way = [waiting for waiting in self._under_way if waiting > stamp_ns]
+
+    def _hold_back(self) -> None:
+        """Wait while many pictures are under way, but not for those that give no profile."""
+        begin = time.monotonic()
+        while len(self._under_way) >= _WINDOW:
+            self._client.spin(_SPIN_S)
+            if time.monotonic() - max(begin, self._last_profile) > _PATIENCE_S:
+                self._under_way.clear()
+
+    def _drain(self) -> None:
+        """Wait until no more profiles come."""
+        begin = time.monotonic()
+        while self._under_way and time.monotonic() - max(begin, self._last_profile) < 3.0:
+            self._client.spin(_SPIN_S)
+
+    def _sleep_until(self, moment: float) -> None:
+        while (left := moment - time.monotonic()) > 0.0:
+            self._client.spin(min(left, 0.02))
+
+
+def _stamp_ns(data: bytes) -> int:
+    """Return the stamp of a message that begins with a header, from its CDR bytes."""
+    order = 'little' if data[1] & 1 else 'big'
+    seconds = int.from_bytes(data[4:8], order, signed=True)  # type: ignore[arg-type]
+    return seconds * cdr.NANOSECONDS + int.from_bytes(data[8:12], order)  # type: ignore[arg-type]

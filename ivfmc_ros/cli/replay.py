@@ -1,0 +1,143 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``ivfmc replay``: the pictures of a bag through the nodes, and a mesh at the end."""
+
+from collections.abc import Mapping
+from collections.abc import Sequence
+from pathlib import Path
+import time
+from typing import Any
+
+import click
+from rich.console import Console
+
+from ivfmc_ros import files
+from ivfmc_ros.cli.bag_player import BagPlayer
+from ivfmc_ros.cli.bag_player import target_of
+from ivfmc_ros.cli.bag_player import Track
+from ivfmc_ros.cli.cell_run import NAMESPACE
+from ivfmc_ros.cli.client import cell_client
+from ivfmc_ros.cli.client import CellClient
+from ivfmc_ros.cli.progress import progress_bars
+from ivfmc_ros.errors import FileError
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.scan.request import MOTIONS
+from ivfmc_ros.storage.bag_reader import Bag
+from ivfmc_ros.storage.bag_reader import open_bag
+from ivfmc_ros.storage.roles import find_roles
+from ivfmc_ros.storage.roles import Roles
+
+_PATH = click.Path(path_type=Path)
+_REGISTER_S = 1800.0
+
+
+@click.command()
+@click.argument('bag', type=_PATH)
+@click.option(
+    '--rate',
+    type=click.FloatRange(0.0, 1000.0),
+    default=0.0,
+    show_default=True,
+    help='Times the recorded speed; 0 is as fast as the nodes keep up.',
+)
+@click.option('-o', '--output', type=_PATH, help='Folder to make for the mesh files.')
+@click.option('--clock', is_flag=True, help='Publish /clock and let the nodes go by it.')
+@click.option(
+    '--role',
+    'roles',
+    multiple=True,
+    metavar='ROLE=TOPIC',
+    help='Topic of the bag that is image, camera_info, joint_states or laser_states.',
+)
+@click.option(
+    '--topic',
+    'others',
+    multiple=True,
+    metavar='TOPIC[=NAME]',
+    help='Publish this topic of the bag, too, under another name if one is given.',
+)
+@click.option('--motion', type=click.Choice(MOTIONS), help='How the table turned.')
+@click.option('--wait', default=20.0, show_default=True, help='Seconds to wait for listeners.')
+@click.option('--build/--no-build', default=True, help='Register and mesh at the end.')
+@click.option('--namespace', default=NAMESPACE, show_default=True, help='Name of the cell.')
+def replay(bag: Path, namespace: str, **options: Any) -> None:
+    """Publish the pictures, camera, table and lasers of BAG; start 'ivfmc up --replay' first."""
+    output: Path | None = options['output']
+    if output is not None:
+        files.require_new_folder(output)
+    opened = open_bag(bag)
+    roles = find_roles(opened, _pairs('--role', options['roles']))
+    tracks = _tracks(opened, roles, options['others'])
+    with cell_client('/' + namespace.strip('/')) as client:
+        player = BagPlayer(client, opened, tracks, options['clock'])
+        player.await_listeners(options['wait'])
+        _prepare(client, roles, options)
+        total = sum(opened.topics[name].count for name in tracks)
+        with progress_bars() as progress:
+            player.play(options['rate'], lambda done: progress('messages', done, total))
+        console = Console(highlight=False)
+        console.print(f'{player.pictures} pictures became {player.profiles} profiles')
+        if options['build']:
+            for line in _build(client, output):
+                console.print(line, soft_wrap=True)
+
+
+def _tracks(bag: Bag, roles: Roles, others: Sequence[str]) -> dict[str, Track]:
+    named = {
+        'image_raw': roles.image,
+        'camera_info': roles.camera_info,
+        'joint_states': roles.joint_states,
+        'laser_states': roles.laser_states,
+    }
+    tracks = {
+        topic.name: target_of(bag, topic.name, target, target == 'image_raw')
+        for target, topic in named.items()
+        if topic is not None
+    }
+    for item in others:
+        source, _, target = item.partition('=')
+        tracks.setdefault(source, target_of(bag, source, target or source))
+    return tracks
+
+
+def _prepare(client: CellClient, roles: Roles, options: Mapping[str, Any]) -> None:
+    """Let the nodes forget what they had, and tell them what the bag has."""
+    name = f'replay_{time.time_ns()}'
+    if options['clock']:
+        for node in ('triangulator', 'registrar', 'mesher'):
+            client.set(node, {'use_sim_time': True})
+    source = 'always_on' if roles.laser_states is None else 'topic'
+    values: dict[str, Any] = {'scan_id': name, 'laser_source': source}
+    if options['motion']:
+        values['motion'] = options['motion']
+    client.set('triangulator', values)
+    client.set('registrar', {'scan_id': name})
+    client.trigger('registrar/reset')
+
+
+def _build(client: CellClient, output: Path | None) -> list[str]:
+    """Register and mesh, and return what to say of it."""
+    if output is not None:
+        try:
+            output.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise FileError(f'{output}: cannot be made: {error.strerror or error}') from error
+    client.set('mesher', {'scan_folder': '' if output is None else str(output.absolute())})
+    registered = client.trigger('registrar/register', _REGISTER_S)
+    built = client.trigger('mesher/build', _REGISTER_S)
+    lines = [f'{key}: {value}' for key, value in registered.items() if _short(key, value)]
+    return lines + [f'{key}: {value}' for key, value in built.items() if _short(key, value)]
+
+
+def _short(key: str, value: Any) -> bool:
+    return key != 'code' and not isinstance(value, list | dict)
+
+
+def _pairs(option: str, items: Sequence[str]) -> dict[str, str]:
+    found = {}
+    for item in items:
+        name, equals, value = item.partition('=')
+        if not (equals and name and value):
+            raise ParameterError(f'{option} {item!r}: must be ROLE=TOPIC')
+        found[name] = value
+    return found

@@ -1,0 +1,145 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``ivfmc up``: starts a cell, one process a node, and ends all of it together."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+import signal
+import threading
+from typing import Any
+from typing import TextIO
+
+import click
+
+from ivfmc_ros.cli.cell_run import CellRun
+from ivfmc_ros.cli.cell_run import NAMESPACE
+from ivfmc_ros.cli.cell_run import NODES
+from ivfmc_ros.cli.cell_run import OF_HARDWARE
+from ivfmc_ros.cli.cell_run import parse_overrides
+from ivfmc_ros.cli.cell_run import start
+from ivfmc_ros.cli.cell_run import write_bench
+from ivfmc_ros.cli.processes import Processes
+from ivfmc_ros.cli.processes import Say
+from ivfmc_ros.errors import FileError
+from ivfmc_ros.errors import HelperError
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.nodes.environment import config_file
+
+_PATH = click.Path(path_type=Path)
+_WIDTH = max(len(name) for name in NODES)
+_POLL_S = 0.1
+
+
+@click.command()
+@click.option('--simulate', is_flag=True, help='A bench cell without hardware.')
+@click.option('--replay', is_flag=True, help='Without camera, turntable and orchestrator.')
+@click.option(
+    '--folder',
+    type=_PATH,
+    default=Path('ivfmc_run'),
+    show_default=True,
+    help='Folder of this run: log, cell.urdf, calibration of a simulated cell.',
+)
+@click.option('--scans', type=_PATH, help='Folder of the scans (default: FOLDER/scans).')
+@click.option('--config', type=_PATH, help='Folder with <node>.yaml (default: the bench cell).')
+@click.option('--cell', type=_PATH, help='cell.yaml of the cell.')
+@click.option('--camera', type=_PATH, help='camera.yaml, where the driver has none.')
+@click.option('--namespace', default=NAMESPACE, show_default=True, help='Name of the cell.')
+@click.option(
+    '--part', default='demo', show_default=True, help='Simulated part: demo or an STL file.'
+)
+@click.option('--unit', default='mm', show_default=True, help='Unit of the STL file.')
+@click.option('--seed', type=int, default=0, show_default=True, help='Of the simulated noise.')
+@click.option(
+    '--set',
+    'overrides',
+    multiple=True,
+    metavar='NODE.NAME=VALUE',
+    help='Parameter of a node; may be repeated.',
+)
+def up(**options: Any) -> None:
+    """Start a cell and keep it up until Ctrl-C."""
+    run = run_of(options)
+    with log_of(run) as say, Processes(say) as processes, interrupted() as ending:
+        start(run, processes)
+        say('up', f'{len(run.nodes)} nodes under {run.namespace}; Ctrl-C ends them')
+        while not ending.wait(_POLL_S):
+            gone = processes.ended()
+            if gone is not None:
+                raise HelperError('NODE_DIED', f'{gone}; the cell is taken down')
+        say('up', 'ending')
+
+
+def run_of(options: dict[str, Any]) -> CellRun:
+    """
+    Return the run that the options ask for; calibration of a simulated cell is written.
+
+    :raises ScanError: options contradict each other, or a file is missing
+    """
+    simulate, replay = options['simulate'], options['replay']
+    if simulate and replay:
+        raise ParameterError('--simulate and --replay exclude each other')
+    folder: Path = options['folder']
+    cell, camera = options['cell'], options['camera']
+    if simulate:
+        if cell or camera:
+            raise ParameterError('--simulate brings its own --cell and --camera')
+        cell, camera = write_bench(folder)
+    if cell is None:
+        raise ParameterError('--cell cell.yaml is needed, unless the cell is simulated')
+    for path in (cell, camera):
+        if path is not None and not path.is_file():
+            raise FileError(f'{path}: there is no such file')
+    folder.mkdir(parents=True, exist_ok=True)
+    return CellRun(
+        folder=folder,
+        scans=options['scans'] or folder / 'scans',
+        config=options['config'] or config_file('bench/orchestrator.yaml').parent,
+        cell=cell,
+        camera=camera,
+        namespace='/' + options['namespace'].strip('/'),
+        simulate=simulate,
+        nodes=[name for name in NODES if not (replay and name in OF_HARDWARE)],
+        part=options['part'],
+        unit=options['unit'],
+        seed=options['seed'],
+        overrides=parse_overrides(options['overrides']),
+    )
+
+
+@contextmanager
+def log_of(run: CellRun, quiet: bool = False) -> Iterator[Say]:
+    """
+    Write what all programs say to ``up.log`` of the run, and to the terminal unless ``quiet``.
+
+    :raises FileError: it cannot be written
+    """
+    try:
+        stream: TextIO = (run.folder / 'up.log').open('a', encoding='utf-8')
+    except OSError as error:
+        raise FileError(f'{run.folder}: cannot be written: {error.strerror or error}') from error
+    with stream:
+
+        def say(name: str, line: str) -> None:
+            text = f'{name:>{_WIDTH}} | {line}'
+            if not stream.closed:
+                stream.write(text + '\n')
+                stream.flush()
+            if not quiet:
+                click.echo(text)
+
+        yield say
+
+
+@contextmanager
+def interrupted() -> Iterator[threading.Event]:
+    """Give an event that SIGINT and SIGTERM set, in place of what they did before."""
+    event = threading.Event()
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, lambda *_: event.set()) for number in numbers}
+    try:
+        yield event
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

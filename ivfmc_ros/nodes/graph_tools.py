@@ -1,0 +1,256 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The tools of a scan, by the topics and services of the graph."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+from pathlib import Path
+from typing import Any
+
+from sensor_msgs.msg import CameraInfo
+
+from ivfmc_ros.errors import HelperError
+from ivfmc_ros.errors import ScanError
+from ivfmc_ros.errors import TimeoutExceededError
+from ivfmc_ros.nodes.adaptive import AdaptiveSubscription
+from ivfmc_ros.nodes.base import CellNode
+from ivfmc_ros.nodes.cell_link import CellLink
+from ivfmc_ros.nodes.cell_link import JOINTS
+from ivfmc_ros.nodes.waiting import Condition
+from ivfmc_ros.nodes.waiting import Helpers
+from ivfmc_ros.scan.job import Outcome
+from ivfmc_ros.scan.machine import Machine
+from ivfmc_ros.scan.plan import Motion
+from ivfmc_ros.scan.plan import NOT_MEASURED
+from ivfmc_ros.scan.plan import Plan
+from ivfmc_ros.scan.plan import Sweep
+from ivfmc_ros.scan.report import finish_scan
+from ivfmc_ros.scan.request import ScanRequest
+
+# They have no hardware of their own and belong to every scan.
+NEEDED = ('triangulator', 'registrar', 'mesher', 'recorder')
+# Others may stand in for these, without a heartbeat; ours are watched when they are there.
+OPTIONAL = ('camera', 'turntable')
+
+_FOREVER = 24 * 3600.0
+_MESHING = 3600.0
+_SLACK = 15.0
+_COMING_UP = 15.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanContext:
+    """
+    What is fixed while a scan runs.
+
+    cell : path of cell.yaml
+    tolerance : radians, of the table's positions
+    patience : seconds, for one profile
+    home : look for the table's home switch first
+    """
+
+    scan_id: str
+    folder: Path
+    request: ScanRequest
+    plan: Plan
+    motion: Motion
+    cell: Path
+    tolerance: float
+    patience: float
+    home: bool
+
+
+class GraphTools:
+    """Does what a scan needs done; every wait ends when somebody is lost or it is cancelled."""
+
+    def __init__(
+        self,
+        node: CellNode,
+        link: CellLink,
+        helpers: Helpers,
+        context: ScanContext,
+        machine: Machine,
+    ) -> None:
+        self.context = context
+        self.camera_info: Any = None
+        self._node = node
+        self._link = link
+        self._machine = machine
+        self._helpers = helpers
+        self._watched: list[str] = []
+        self._recording = False
+        self.bag: Mapping[str, Any] = {}
+
+    async def prepare(self) -> None:
+        """Tell everybody which scan it is, and begin to record."""
+        context = self.context
+        await self._require_cell()
+        lasers = len(context.plan.sweeps[0].views)
+        await self._helpers.set(
+            'triangulator',
+            {
+                'view': [NOT_MEASURED] * lasers,
+                'motion': context.request.motion,
+                'scan_id': context.scan_id,
+            },
+        )
+        await self._helpers.set('registrar', {'scan_id': context.scan_id})
+        await self._helpers.trigger('registrar/reset', _SLACK, self._guard)
+        folder = str(context.folder)
+        await self._helpers.set('mesher', {'scan_folder': folder})
+        await self._helpers.set('recorder', {'scan_folder': folder, 'scan_id': context.scan_id})
+        self._link.forget()
+        await self._helpers.trigger('recorder/start', _SLACK, self._guard)
+        self._recording = True
+        self.camera_info = await self._first(CameraInfo, 'camera_info', 'CAMERA_LOST')
+        if context.home:
+            await self._helpers.trigger('turntable/home', 120.0, self._guard)
+
+    async def _require_cell(self) -> None:
+        """Wait for a cell that is just coming up, and say who is missing of one that does not."""
+        watch = self._link.watch
+        needed = [*NEEDED, JOINTS]
+        try:
+            await self._helpers.waiting.until(
+                lambda: not watch.silent(needed) and self._link.has_table(),
+                _COMING_UP,
+                'the cell',
+                self._machine.check,
+            )
+        except TimeoutExceededError:
+            watch.require(NEEDED)
+            if not self._link.has_table():
+                raise HelperError('TURNTABLE_LOST', 'nobody takes joint_trajectory') from None
+            watch.require([JOINTS])
+        self._watched = needed + [name for name in OPTIONAL if not watch.silent([name])]
+
+    async def select(self, sweep: Sweep) -> None:
+        """Let profiles belong to the views of this sweep from now on."""
+        await self._helpers.set('triangulator', {'view': list(sweep.views)})
+
+    async def move(self, position: float, velocity: float) -> None:
+        """Turn the table to a position (radians) at so many rad/s; return when it stands."""
+        tolerance = self.context.tolerance
+        if self._link.stands_at(position, 0.1 * tolerance):
+            return
+        here = self._link.position
+        seconds = self.context.motion.seconds(position - (here or 0.0), velocity)
+        self._link.send(position, seconds)
+        await self._until(
+            lambda: self._link.stands_at(position, tolerance),
+            1.5 * seconds + _SLACK,
+            f'the table to stand at {math.degrees(position):.2f} degrees',
+            'MOTION_FAILED',
+        )
+
+    async def light(self, laser: str) -> None:
+        """Let this laser shine and no other, and return when it does."""
+        self._link.hold(laser)
+        await self._until(
+            lambda: self._link.shines(laser), 10.0, f'laser {laser} to shine', 'LASER_FAILED'
+        )
+
+    def dark(self) -> None:
+        """Let all lasers go out."""
+        self._link.hold(None)
+
+    async def profile_at(self, view: int, angle: float) -> None:
+        """Return when the profile of a view at a table position (radians) is there."""
+        near = 0.5 * self.context.plan.sweeps[0].span / self.context.request.profiles
+        near = max(near, self.context.tolerance)
+
+        def there() -> bool:
+            heads = self._link.heads
+            # the newest ones come last; older ones belong to other positions
+            newest = [heads[seq] for seq in sorted(heads)[-8:]]
+            return any(h.view == view and abs(h.angle - angle) <= near for h in newest)
+
+        await self._until(
+            there,
+            self.context.patience,
+            f'the profile of view {view} at {math.degrees(angle):.2f} degrees',
+            'NO_PROFILE',
+        )
+
+    async def settled(self, sweep: Sweep) -> None:
+        """Return when every picture of the sweep has become a profile."""
+        stands_ns = self._link.reports[-1].stamp_ns
+        wanted = max(sweep.views)
+        await self._until(
+            lambda: any(
+                head.view == wanted and head.stamp_ns > stands_ns
+                for head in self._link.heads.values()
+            ),
+            self.context.patience,
+            f'the last profile of view {wanted}',
+            'NO_PROFILE',
+        )
+
+    async def resumed(self) -> None:
+        """Return when the scan shall go on."""
+        await self._until(lambda: not self._machine.pausing, _FOREVER, 'resume', 'TIMEOUT')
+
+    async def recorded(self) -> None:
+        """Return when every profile is in the bag."""
+        if not self._link.heads:
+            raise HelperError('NO_PROFILE', 'the scan has no profile')
+
+        def complete() -> bool:
+            return (self._link.recorded or 0) >= max(self._link.heads)
+
+        await self._until(complete, 60.0, 'the recorder to write all profiles', 'NOT_RECORDED')
+
+    async def register(self) -> Mapping[str, Any]:
+        """Bring the views together, and return what is said of them."""
+        return await self._helpers.trigger('registrar/register', _MESHING, self._guard)
+
+    async def build(self) -> Mapping[str, Any]:
+        """Make the mesh, and return what is said of it."""
+        return await self._helpers.trigger('mesher/build', _MESHING, self._guard)
+
+    async def finish(self, outcome: Outcome) -> None:
+        """Close the bag and write what belongs to the scan."""
+        self.bag = await self._stop_recording()
+        await self._node.in_thread(finish_scan, self.context.folder, outcome, self.bag)
+
+    async def halt(self, outcome: Outcome) -> None:
+        """Stop the table and close the bag, as far as that is possible; never raises."""
+        position = self._link.position
+        if position is not None:
+            # to stop, a trajectory controller is sent to where it is
+            self._link.send(position, 0.2)
+        for path in ('turntable/stop',):
+            if self._helpers.has(path):
+                await self._quietly(self._helpers.trigger(path, 5.0))
+        if self._recording:
+            await self._quietly(self._stop_recording())
+
+    async def _stop_recording(self) -> Mapping[str, Any]:
+        self._recording = False
+        return await self._helpers.trigger('recorder/stop', 120.0)
+
+    async def _first(self, kind: type, topic: str, code: str) -> Any:
+        got: list[Any] = []
+        subscription = AdaptiveSubscription(self._node, kind, topic, got.append)
+        try:
+            await self._until(lambda: bool(got), _SLACK, f'a message on {topic}', code)
+        finally:
+            subscription.destroy()
+        return got[0]
+
+    async def _until(self, condition: Condition, seconds: float, what: str, code: str) -> None:
+        try:
+            await self._helpers.waiting.until(condition, seconds, what, self._guard)
+        except TimeoutExceededError as error:
+            raise HelperError(code, str(error)) from error
+
+    def _guard(self) -> None:
+        self._machine.check()
+        self._link.watch.require(self._watched)
+
+    async def _quietly(self, work: Any) -> None:
+        try:
+            await work
+        except ScanError as error:
+            self._node.get_logger().warning(f'while ending the scan: {error}')

@@ -1,0 +1,206 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``orchestrator``: one service call scans a part."""
+
+from pathlib import Path
+import sys
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import KeyValue
+from rclpy.task import Future
+
+from ivfmc_ros.cell.cell_file import load_draft
+from ivfmc_ros.errors import BusyError
+from ivfmc_ros.errors import CellError
+from ivfmc_ros.errors import HelperError
+from ivfmc_ros.errors import ScanError
+from ivfmc_ros.errors import StateError
+from ivfmc_ros.nodes.answers import Answer
+from ivfmc_ros.nodes.base import CellNode
+from ivfmc_ros.nodes.base import run
+from ivfmc_ros.nodes.cell_link import CellLink
+from ivfmc_ros.nodes.graph_tools import GraphTools
+from ivfmc_ros.nodes.graph_tools import ScanContext
+from ivfmc_ros.nodes.health import Level
+from ivfmc_ros.nodes.running_scan import RunningScan
+from ivfmc_ros.nodes.scan_parameters import declare_scan_parameters
+from ivfmc_ros.nodes.waiting import Helpers
+from ivfmc_ros.nodes.waiting import Waiting
+from ivfmc_ros.scan import record
+from ivfmc_ros.scan.machine import Machine
+from ivfmc_ros.scan.plan import make_plan
+from ivfmc_ros.storage.catalogue import Catalogue
+
+_STATUS_S = 0.5
+
+
+class Orchestrator(CellNode):
+    """Accepts one scan at a time, and leads it from its parameters to its answer."""
+
+    def __init__(self) -> None:
+        super().__init__('orchestrator')
+        self.scan_parameters = declare_scan_parameters(self)
+        self._helpers = Helpers(self, Waiting(self))
+        self._running: RunningScan | None = None
+        self._last: RunningScan | None = None
+        joint = self.parameter(
+            'joint', 'turntable_joint', 'Name of the table in joint_states.', read_only=True
+        )
+        self._link = CellLink(self, joint, self.get('heartbeat_limit'))
+        self._status = self.publish_on(DiagnosticStatus, 'scan_status')
+        for name, handler in (
+            ('start_scan', self._start_scan),
+            ('scan', self._scan),
+            ('cancel', self._cancel),
+            ('pause', self._pause),
+            ('resume', self._resume),
+        ):
+            self.trigger(name, handler, private=False)
+        self.steady_timer(_STATUS_S, self._repeat_status)
+        self._close_interrupted()
+        self._tell()
+
+    def stop(self) -> None:
+        """Let lasers and table stand, and say what became of the scan."""
+        running = self._running
+        if running is not None:
+            self._link.hold(None)
+            position = self._link.position
+            if position is not None:
+                self._link.send(position, 0.2)
+            running.interrupted()
+        super().stop()
+
+    def _close_interrupted(self) -> None:
+        root = Path(self.get('scan_root'))
+        if not root.is_dir():
+            return
+        for scan_id in record.close_interrupted(root):
+            self.get_logger().warning(f'scan {scan_id} was interrupted and is marked FAILED')
+            try:
+                Catalogue(root).set_stage(scan_id, 'FAILED', 'INTERRUPTED')
+            except ScanError as error:
+                self.get_logger().warning(str(error))
+
+    def _start_scan(self) -> Answer:
+        running = self._accept()
+        return {'scan_id': running.scan_id, 'folder': str(running.folder)}
+
+    async def _scan(self) -> Answer:
+        result: Answer = await self._accept().ended
+        if result['code'] != 'OK':
+            more = {key: value for key, value in result.items() if key not in ('code', 'detail')}
+            raise HelperError(str(result['code']), str(result.get('detail', '')), **more)
+        return result
+
+    def _cancel(self) -> Answer:
+        return self._ask(Machine.cancel)
+
+    def _pause(self) -> Answer:
+        return self._ask(Machine.pause)
+
+    def _resume(self) -> Answer:
+        return self._ask(Machine.resume)
+
+    def _ask(self, request: Any) -> Answer:
+        running = self._running
+        if running is None:
+            raise StateError('no scan is running')
+        request(running.machine)
+        return {'scan_id': running.scan_id, 'stage': str(running.machine.stage)}
+
+    def _accept(self) -> RunningScan:
+        """Begin a scan with the parameters as they are now."""
+        if self._running is not None:
+            scan_id = self._running.scan_id
+            raise BusyError(f'scan {scan_id} is {self._running.machine.stage}', scan_id=scan_id)
+        request = self.scan_parameters.request()
+        motion = self.scan_parameters.motion()
+        cell = Path(self.get('cell'))
+        if not self.get('cell'):
+            raise CellError('orchestrator: cell: must be the path of cell.yaml')
+        draft = load_draft(cell)
+        names = [laser.name for laser in draft.lasers]
+        plan = make_plan(request, names, motion, self._link.position or 0.0)
+        folder = record.new_folder(Path(self.get('scan_root')).absolute(), request.part)
+        machine = Machine(lambda _: self._changed())
+        context = ScanContext(
+            scan_id=folder.name,
+            folder=folder,
+            request=request,
+            plan=plan,
+            motion=motion,
+            cell=cell,
+            tolerance=self.get('position_tolerance'),
+            patience=self.get('profile_patience'),
+            home=self.get('home'),
+        )
+        tools = GraphTools(self, self._link, self._helpers, context, machine)
+        running = RunningScan(
+            context=context,
+            machine=machine,
+            tools=tools,
+            link=self._link,
+            ended=Future(executor=self.executor),
+        )
+        running.accepted(draft, self._snapshot())
+        self._running = running
+        self.executor.create_task(self._lead, running)
+        self.get_logger().info(f'scan {running.scan_id} begins')
+        return running
+
+    async def _lead(self, running: RunningScan) -> None:
+        """Take the scan to its end; nothing is raised here, it would end the executor."""
+        try:
+            result = await running.run()
+        except Exception as error:  # even a report that cannot be written must not be the last
+            self.trouble('scan', error)
+            code = error.code if isinstance(error, ScanError) else 'INTERNAL'
+            result = {'code': code, 'detail': str(error), 'scan_id': running.scan_id}
+            self._link.hold(None)
+        else:
+            self.health.clear('scan')
+        running.result = result
+        self._last, self._running = running, None
+        self._tell()
+        self.get_logger().info(f'scan {running.scan_id} ended: {result["code"]}')
+        running.ended.set_result(result)
+
+    def _snapshot(self) -> dict[str, Any]:
+        return {name: self.get(name) for name in sorted(self._parameters)}
+
+    def _changed(self) -> None:
+        if self._running is not None:
+            self._running.changed()
+        self._tell()
+
+    def _repeat_status(self) -> None:
+        if self._running is not None:
+            self._running.counted()
+            self._tell()
+
+    def _tell(self) -> None:
+        shown = self._running or self._last
+        values = shown.status() if shown is not None else RunningScan.nothing()
+        level = Level.OK if values['code'] in ('', 'OK') else Level.ERROR
+        message = values['stage']
+        self._status.publish(
+            DiagnosticStatus(
+                level=bytes([level]),
+                name=self.get_fully_qualified_name().lstrip('/'),
+                message=message,
+                hardware_id=self.get_namespace().strip('/'),
+                values=[KeyValue(key=key, value=value) for key, value in values.items()],
+            )
+        )
+        self.health.set('status', Level.OK, message.lower())
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run(Orchestrator))
+
+
+if __name__ == '__main__':
+    main()

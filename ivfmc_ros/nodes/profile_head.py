@@ -1,0 +1,67 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a profile message says of itself, read from its first point alone."""
+
+from dataclasses import dataclass
+import math
+import struct
+from typing import Any
+
+from sensor_msgs.msg import PointField
+
+from ivfmc_ros.errors import FileError
+
+_FORMATS = {
+    PointField.UINT8: 'B',
+    PointField.UINT16: 'H',
+    PointField.UINT32: 'I',
+    PointField.FLOAT32: 'f',
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProfileHead:
+    """
+    Which profile it is.
+
+    angle : radians, provisional in continuous motion
+    points : on the stripe; a profile without any is one NaN point in its message
+    """
+
+    seq: int
+    view: int
+    laser: int
+    angle: float
+    points: int
+    stamp_ns: int
+
+
+def read_head(cloud: Any) -> ProfileHead:
+    """
+    Read the head of a sensor_msgs/PointCloud2 on ``profile``.
+
+    :raises FileError: it is no profile; the message names what is missing
+    """
+    if cloud.is_bigendian:
+        raise FileError('profile: is big endian, only little endian can be read')
+    if cloud.width * cloud.height < 1 or len(cloud.data) < cloud.point_step:
+        raise FileError('profile: has no point; one without a stripe has one NaN point')
+    fields = {field.name: field for field in cloud.fields}
+    x = _value(cloud, fields, 'x')
+    return ProfileHead(
+        seq=int(_value(cloud, fields, 'seq')),
+        view=int(_value(cloud, fields, 'view')),
+        laser=int(_value(cloud, fields, 'laser')),
+        angle=float(_value(cloud, fields, 'angle')),
+        points=cloud.width * cloud.height if not math.isnan(x) else 0,
+        stamp_ns=cloud.header.stamp.sec * 1_000_000_000 + cloud.header.stamp.nanosec,
+    )
+
+
+def _value(cloud: Any, fields: dict[str, Any], name: str) -> float:
+    field = fields.get(name)
+    if field is None or field.datatype not in _FORMATS:
+        known = ', '.join(fields) or 'none'
+        raise FileError(f'profile: has no usable field {name!r}; its fields are {known}')
+    kind = '<' + _FORMATS[field.datatype]
+    return float(struct.unpack_from(kind, cloud.data, field.offset)[0])

@@ -1,0 +1,208 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+``recorder``: the bag of a scan as it runs, and the catalogue's rows of its profiles and views.
+
+Messages are written as they come off the wire; only profiles are looked into, for the catalogue.
+"""
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+import sys
+from typing import Any
+
+from geometry_msgs.msg import PoseArray
+from rclpy.qos import DurabilityPolicy
+from rclpy.serialization import deserialize_message
+from rclpy.task import Future
+from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import Image
+from sensor_msgs.msg import JointState
+from sensor_msgs.msg import PointCloud2
+from shape_msgs.msg import Mesh
+from std_msgs.msg import UInt64
+from visualization_msgs.msg import Marker
+
+from ivfmc_ros.errors import BusyError
+from ivfmc_ros.errors import CatalogueError
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.errors import StateError
+from ivfmc_ros.nodes import qos
+from ivfmc_ros.nodes.adaptive import AdaptiveSubscription
+from ivfmc_ros.nodes.base import CellNode
+from ivfmc_ros.nodes.base import run
+from ivfmc_ros.nodes.health import Level
+from ivfmc_ros.nodes.profile_head import read_head
+from ivfmc_ros.storage.catalogue import Catalogue
+from ivfmc_ros.storage.live_recorder import LiveRecorder
+from ivfmc_ros.storage.live_recorder import Mark
+from ivfmc_ros.storage.live_recorder import Place
+
+TYPES = {
+    'image_raw': Image,
+    'image_raw/compressed': CompressedImage,
+    'camera_info': CameraInfo,
+    'joint_states': JointState,
+    'laser_states': JointState,
+    'profile': PointCloud2,
+    'view': PointCloud2,
+    'view_poses': PoseArray,
+    'cloud': PointCloud2,
+    'mesh': Marker,
+    'mesh_shape': Mesh,
+}
+_PUBLISH_S = 0.05
+
+
+class Recorder(CellNode):
+    """Listens all the time, so that nothing is missed at the start, and writes during a scan."""
+
+    def __init__(self) -> None:
+        super().__init__('recorder')
+        self.parameter('scan_id', '', 'Id of the scan, for the catalogue.')
+        self.parameter(
+            'scan_folder', '', 'Folder of the scan; the catalogue is in the one above it.'
+        )
+        self.parameter(
+            'topics',
+            [name for name in TYPES if name != 'image_raw/compressed'],
+            'Names of the topics that are recorded; taken at the start of the node.',
+            constraints=f'some of {", ".join(TYPES)}',
+        )
+        self.parameter(
+            'compress', True, 'Compress chunks by zstd; without it the disk has more to take.'
+        )
+        self.parameter(
+            'room',
+            256,
+            'Megabytes that may wait for the disk; what comes beyond is dropped and counted.',
+            low=16,
+            high=65536,
+        )
+        self._recorder: LiveRecorder | None = None
+        self._catalogue: Catalogue | None = None
+        self._told: int | None = None
+        self._ending: Future | None = None
+        self._catalogue_error: str | None = None
+        self._recorded = self.publish_on(UInt64, 'recorded')
+        self._listening = [self._listen(name) for name in self.get('topics')]
+        self.trigger('start', self._start)
+        self.trigger('stop', self._stop)
+        self.steady_timer(_PUBLISH_S, self._tell)
+
+    def stop(self) -> None:
+        """End the bag, so that it can be read."""
+        if self._recorder is not None:
+            self._recorder.stop()
+            self._recorder = None
+        super().stop()
+
+    def before_diagnosis(self) -> None:
+        """Say how much has been written, and what is going wrong."""
+        recorder = self._recorder
+        if recorder is None:
+            self.status(Level.OK, 'idle')
+            return
+        counts = recorder.counts
+        if recorder.error is not None:
+            self.health.set('file', Level.ERROR, recorder.error)
+        if counts.dropped:
+            lost = ', '.join(f'{n} on {name}' for name, n in counts.dropped_topics.items())
+            self.health.set('disk', Level.ERROR, f'too slow, dropped messages: {lost}')
+        if self._catalogue_error is not None:
+            self.health.set('catalogue', Level.ERROR, self._catalogue_error)
+        self.status(
+            Level.OK,
+            'recording',
+            messages=counts.messages,
+            bytes=counts.bytes,
+            waiting=recorder.waiting,
+        )
+
+    def _listen(self, name: str) -> Any:
+        if name not in TYPES:
+            known = ', '.join(TYPES)
+            raise ParameterError(f'recorder: topics: {name!r} is not one of {known}')
+        return AdaptiveSubscription(self, TYPES[name], name, partial(self._take, name), raw=True)
+
+    def _take(self, name: str, data: bytes) -> None:
+        recorder = self._recorder
+        if recorder is None:
+            return
+        kind = TYPES[name]
+        package = kind.__module__.partition('.')[0]
+        mark = self._mark(data) if name == 'profile' else None
+        recorder.add(
+            self.resolve_topic_name(name),
+            f'{package}/msg/{kind.__name__}',
+            data,
+            self.now_ns(),
+            latched=qos.of_topic(name).durability is DurabilityPolicy.TRANSIENT_LOCAL,
+            mark=mark,
+        )
+
+    def _mark(self, data: bytes) -> Mark:
+        return Mark(**vars(read_head(deserialize_message(data, PointCloud2))))
+
+    def _start(self) -> dict[str, Any]:
+        if self._recorder is not None:
+            raise BusyError(f'recorder: is recording {self._recorder.folder}')
+        folder, scan_id = self.get('scan_folder'), self.get('scan_id')
+        if not folder or not scan_id:
+            raise ParameterError('recorder: scan_folder and scan_id must be set before start')
+        self._catalogue = Catalogue(Path(folder).parent, create=True)
+        self._catalogue_error, self._told = None, None
+        for trouble in ('disk', 'catalogue', 'file'):
+            self.health.clear(trouble)
+        self._recorder = LiveRecorder(
+            Path(folder),
+            compress=self.get('compress'),
+            room=self.get('room') * 1024 * 1024,
+            flushed=partial(self._note, self._catalogue, scan_id),
+        )
+        return {'path': str(self._recorder.folder), 'topics': list(self.get('topics'))}
+
+    def _note(self, catalogue: Catalogue, scan_id: str, places: Sequence[Place]) -> None:
+        # in the writing thread: an error is told by the next diagnosis
+        try:
+            catalogue.add_profiles(scan_id, places)
+        except CatalogueError as error:
+            self._catalogue_error = str(error)
+
+    async def _stop(self) -> dict[str, Any]:
+        recorder, self._recorder = self._recorder, None
+        if recorder is None:
+            raise StateError('recorder: nothing is being recorded')
+        path = await self.in_thread(recorder.stop)
+        self._publish(recorder)
+        if self._catalogue is not None:
+            self._catalogue.close()
+        counts = recorder.counts
+        return {
+            'path': str(path),
+            'messages': counts.messages,
+            'bytes': counts.bytes,
+            'dropped': counts.dropped,
+            'recorded': recorder.recorded,
+            'catalogue_error': self._catalogue_error,
+        }
+
+    def _tell(self) -> None:
+        if self._recorder is not None:
+            self._publish(self._recorder)
+
+    def _publish(self, recorder: LiveRecorder) -> None:
+        if recorder.recorded is not None and recorder.recorded != self._told:
+            self._told = recorder.recorded
+            self._recorded.publish(UInt64(data=recorder.recorded))
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run(Recorder))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,56 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a finished scan says of itself: ``report.json`` and pictures to look at."""
+
+from collections.abc import Mapping
+from pathlib import Path
+import subprocess
+import sys
+from typing import Any
+
+from ivfmc_ros.errors import FileError
+from ivfmc_ros.inspection.report import write_report
+from ivfmc_ros.scan.job import Outcome
+
+REPORT = 'report.json'
+PICTURE = 'mesh.png'
+
+_PICTURE_S = 120.0
+
+
+def finish_scan(folder: Path, outcome: Outcome, document: Mapping[str, Any]) -> None:
+    """
+    Write the report and the pictures of a scan; waits until they are on disk.
+
+    :raises FileError: they cannot be written
+    """
+    draw(folder)
+    write_report(
+        folder / REPORT,
+        {
+            **document,
+            'code': outcome.code,
+            'detail': outcome.detail,
+            'registration': outcome.registration,
+            'mesh': outcome.mesh,
+            'seconds': outcome.seconds,
+        },
+    )
+
+
+def draw(folder: Path) -> None:
+    """
+    Draw the mesh of a scan in a process of its own, which may hold the interpreter's lock.
+
+    :raises FileError: it could not be drawn
+    """
+    command = [sys.executable, '-m', 'ivfmc_ros.scan.draw', str(folder)]
+    try:
+        answer = subprocess.run(
+            command, capture_output=True, text=True, timeout=_PICTURE_S, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise FileError(f'{folder / PICTURE}: could not be drawn: {error}') from error
+    if answer.returncode:
+        last = (answer.stderr.strip() or 'no reason given').splitlines()[-1]
+        raise FileError(f'{folder / PICTURE}: could not be drawn: {last}')
