@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import replace
-from itertools import islice
 import math
 
 import numpy as np
@@ -39,9 +38,8 @@ from ivfmc_ros.registration.motion import refit
 from ivfmc_ros.stopwatch import Stopwatch
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
+from ivfmc_ros.stripe.sampling import SampledAcquisition
 
-# From so many pictures it is decided which colours measure the stripe.
-_SAMPLED_PICTURES = 16
 # So many pictures are kept to show what was found.
 _SHOWN_PICTURES = 12
 # Points of one surface are at most this many point spacings apart.
@@ -127,11 +125,9 @@ def reconstruct(
     acquisition = Acquisition(cell, settings.acquisition)
     samples = _Samples()
     profiles = []
-    for frame in _sampled_first(acquisition, watch.each('read', frames)):
-        with watch.stage('acquisition'):
-            # rounded as a message is, so that a live scan decides nothing else anywhere
-            profiles.append(acquisition.profile(frame).as_sent())
-        samples.add(frame, profiles[-1])
+    for frame, profile in _measured(acquisition, frames, watch):
+        profiles.append(profile)
+        samples.add(frame, profile)
         progress('profiles', len(profiles), max(total, len(profiles)))
     _require_stripe(profiles)
     counts = acquisition.counts.as_dict()
@@ -178,6 +174,19 @@ def views_of(
     return views, motions, {'ramps': ramps, 'islands': steady - kept, 'kept_points': kept}
 
 
+def _measured(
+    acquisition: Acquisition, frames: Iterable[Frame], watch: Stopwatch
+) -> Iterator[tuple[Frame, Profile]]:
+    stream = SampledAcquisition(acquisition)
+    for frame in watch.each('read', frames):
+        with watch.stage('acquisition'):
+            measured = stream.add(frame)
+        yield from measured
+    with watch.stage('acquisition'):
+        measured = stream.flush()
+    yield from measured
+
+
 class _Samples:
     """Keeps some of the pictures, evenly, however many come: all of them need gigabytes."""
 
@@ -196,14 +205,6 @@ class _Samples:
 
     def shown(self) -> list[tuple[Frame, Profile]]:
         return self._kept[:: max(1, math.ceil(len(self._kept) / _SHOWN_PICTURES))]
-
-
-def _sampled_first(acquisition: Acquisition, frames: Iterator[Frame]) -> Iterator[Frame]:
-    """Let the first pictures decide which colours measure the stripe, then pass all on."""
-    first = list(islice(frames, _SAMPLED_PICTURES))
-    acquisition.choose_channel(first)
-    yield from first
-    yield from frames
 
 
 def _require_stripe(profiles: Sequence[Profile]) -> None:

@@ -91,7 +91,7 @@ class Acquisition:
 
     def profile(self, frame: Frame) -> Profile:
         """Extract, triangulate and denoise the stripe of a picture."""
-        self._require_usable(frame)
+        self.require_usable(frame)
         settings = self.settings
         direction = self._cell.lasers[frame.laser].stripe
         stripe = extract(frame.image, direction, settings.extract, self._masks[frame.laser])
@@ -107,13 +107,14 @@ class Acquisition:
 
     def _masked(self, frame: Frame) -> Image:
         """Return what can be stripe, turned so that there is one stripe point a row."""
-        self._require_usable(frame)
+        self.require_usable(frame)
         mask = self._masks[frame.laser]
         image = frame.image * (mask if frame.image.ndim == 2 else mask[..., None])
         by_row = self._cell.lasers[frame.laser].stripe == 'rows'
         return image if by_row else np.swapaxes(image, 0, 1)
 
-    def _require_usable(self, frame: Frame) -> None:
+    def require_usable(self, frame: Frame) -> None:
+        """Refuse a picture that does not belong to the cell."""
         where = f'picture {frame.seq}'
         self._cell.camera.require_image(frame.image.shape, where)
         if not 0 <= frame.laser < len(self._cell.lasers):
