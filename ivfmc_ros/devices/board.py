@@ -32,6 +32,14 @@ class BoardState:
     lasers_ns: int
 
 
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What the axis can do: radians per second, radians per second squared."""
+
+    velocity: float
+    acceleration: float
+
+
 class MotionBoard(Protocol):
     """
     A rotary axis and its lasers.
@@ -78,3 +86,6 @@ class MotionBoard(Protocol):
 
     def poll(self) -> BoardState:
         """Return what is known now, without waiting."""
+
+    def limits(self) -> Limits:
+        """:raises BoardLostError: the board is not connected, nothing is known of it."""

@@ -12,6 +12,7 @@ from ivfmc_ros.devices import grbl_text
 from ivfmc_ros.devices import ramp
 from ivfmc_ros.devices.axis_units import AxisUnits
 from ivfmc_ros.devices.board import BoardState
+from ivfmc_ros.devices.board import Limits
 from ivfmc_ros.devices.conversation import Conversation
 from ivfmc_ros.devices.grbl_monitor import GrblMonitor
 from ivfmc_ros.devices.serial_line import SerialLine
@@ -193,6 +194,17 @@ class GrblBoard:
         """Return what is known now, without waiting."""
         return self._monitor.state()
 
+    def limits(self) -> Limits:
+        """:raises BoardLostError: the board is not connected, nothing is known of it."""
+        self._require_connected()
+        settings, unit = self._monitor.settings, self._units.length(1.0)
+        if self._axis(_ACCELERATION) not in settings:
+            raise BoardLostError('the board is not connected yet')
+        return Limits(
+            velocity=settings[self._axis(_MAX_RATE)] / 60 / unit,
+            acceleration=settings[self._axis(_ACCELERATION)] / unit,
+        )
+
     # -- what the reading thread calls
 
     def _hear(self, text: str, began: float) -> None:
@@ -242,9 +254,12 @@ class GrblBoard:
         power = self._settings.power * self._monitor.settings.get(_MAX_SPINDLE, 1000.0)
         return OUTPUTS[output][0].format(power)
 
-    def _require_ready(self) -> None:
+    def _require_connected(self) -> None:
         if self._monitor.lost:
             raise BoardLostError('the board is lost; clear the alarm to connect again')
+
+    def _require_ready(self) -> None:
+        self._require_connected()
         if self._monitor.alarm is not None:
             raise BoardAlarmError(
                 f'the board is locked: {self._monitor.alarm}; home it or clear the alarm'

@@ -1,0 +1,212 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A motion board and the rules for its lasers, in threads that no callback can hold up."""
+
+import contextlib
+import math
+import threading
+import time
+
+from ivfmc_ros.devices.beam import Beam
+from ivfmc_ros.devices.beam import BeamKeeper
+from ivfmc_ros.devices.board import BoardState
+from ivfmc_ros.devices.board import MotionBoard
+from ivfmc_ros.errors import DeviceError
+from ivfmc_ros.errors import ParameterError
+
+_LOOK = 0.02  # seconds from look to look of the guard
+_RETRY = 2.0  # seconds from one attempt to connect, or to switch, to the next
+_NEAR = 1e-6  # radians
+
+
+class TurntableDriver:
+    """
+    Keeps the board connected and its lasers as the keeper wants them.
+
+    The guard looks 50 times a second and cuts a beam that nobody vouches for. Lasers are
+    switched by another thread, because that waits for the end of a motion on many boards.
+    """
+
+    def __init__(self, board: MotionBoard, beam: BeamKeeper, *, velocity: float) -> None:
+        """
+        Begin with nothing; ``start`` connects.
+
+        velocity : radians per second, of a move that says nothing of its time, and the limit
+        """
+        self._board, self._beam, self._velocity = board, beam, velocity
+        self._closing = threading.Event()
+        self._look = threading.Event()
+        self._connected = False
+        self._wanted: str | None = None
+        self._switching = threading.Condition()
+        self._threads: list[threading.Thread] = []
+        self.trouble = 'not connected yet'
+
+    def start(self) -> None:
+        """Connect, in the background, and again until it succeeds."""
+        self._closing.clear()
+        for function in (self._guard, self._switch):
+            thread = threading.Thread(target=function, name=function.__name__, daemon=True)
+            thread.start()
+            self._threads.append(thread)
+
+    def close(self) -> None:
+        """Turn the lasers off, stop the table, disconnect; may be called again."""
+        self._closing.set()
+        with self._switching:
+            self._switching.notify_all()
+        self._board.close()
+        for thread in self._threads:
+            thread.join()
+        self._threads.clear()
+        if self._connected:
+            # a connection that came about while this one was closed
+            self._board.close()
+        self._connected = False
+
+    def state(self) -> BoardState:
+        """Return what is known now, without waiting."""
+        return self._board.poll()
+
+    def go_to(self, position: float, seconds: float) -> None:
+        """
+        Begin a move that ends in standstill.
+
+        position : radians, unwrapped
+        seconds : that it shall take, 0 for as fast as is allowed; it takes longer if it must
+        """
+        if not (math.isfinite(position) and math.isfinite(seconds) and seconds >= 0.0):
+            raise ParameterError(f'position {position}, seconds {seconds}: must be finite')
+        self._beam.idle()
+        limits = self._board.limits()
+        speed = min(self._velocity, limits.velocity)
+        way = abs(position - self._board.poll().position)
+        if seconds > 0.0 and way > _NEAR:
+            speed = min(speed, cruise_speed(way, seconds, limits.acceleration))
+        self._board.move_to(position, speed, limits.acceleration)
+
+    def hold(self, laser: str) -> None:
+        """
+        Keep one laser on for another while; '' is none.
+
+        :raises ParameterError: there is no such laser
+        """
+        try:
+            self._beam.hold(laser)
+        finally:
+            self._look.set()
+
+    def permit(self, allowed: bool) -> None:
+        """Permit beams, or forbid them."""
+        self._beam.permit(allowed)
+        self._look.set()
+
+    def home(self) -> None:
+        """Home the table, which finds its position again."""
+        self._beam.idle()
+        self._board.home()
+
+    def stop(self) -> None:
+        """Brake, lasers off; they stay off until whoever holds them has let go."""
+        self._beam.stopped()
+        self._board.stop()
+
+    def clear_alarm(self) -> None:
+        """Take commands again; connects again to a lost board."""
+        self._beam.stopped()
+        self._board.clear_alarm()
+        self._connected = True
+
+    def enable(self, name: str, on: bool) -> None:
+        """
+        Turn a laser on or off by hand; return when it is so.
+
+        :raises DeviceError: the board did not do it
+        """
+        self._beam.enable(name, on, self._board.poll().moving)
+        laser = self._beam.decide().laser
+        with self._switching:
+            self._wanted = laser
+        self._board.set_laser(laser)
+
+    # -- threads
+
+    def _guard(self) -> None:
+        retry_at = 0.0
+        while not self._closing.is_set():
+            self._look.wait(_LOOK)
+            self._look.clear()
+            now = time.monotonic()
+            if not self._connected:
+                if now >= retry_at:
+                    self._connect()
+                    retry_at = time.monotonic() + _RETRY
+                continue
+            beam, state = self._beam.decide(), self._board.poll()
+            lit = any(state.lasers.values())
+            with self._switching:
+                self._wanted = beam.laser
+                self._switching.notify_all()
+            if self._must_cut(beam, state, lit) and now >= retry_at:
+                retry_at = now + (0.0 if self._cut() else _RETRY)
+
+    def _must_cut(self, beam: Beam, state: BoardState, lit: bool) -> bool:
+        if state.alarm is not None:
+            return lit and state.alarm != 'BOARD_LOST'
+        # a table that stands is no hurry: the other thread turns the laser off
+        return lit and beam.urgent and state.moving
+
+    def _connect(self) -> None:
+        try:
+            self._board.open()
+        except DeviceError as error:
+            self.trouble = str(error)
+        else:
+            self.trouble, self._connected = '', True
+
+    def _cut(self) -> bool:
+        try:
+            self._board.stop()
+        except DeviceError as error:
+            self.trouble = str(error)
+            return False
+        return True
+
+    def _switch(self) -> None:
+        while not self._closing.is_set():
+            with self._switching:
+                self._switching.wait(_LOOK)
+                wanted = self._wanted
+            state = self._board.poll()
+            ready = self._connected and state.alarm is None
+            if not ready or wanted == lit_laser(state):
+                continue
+            try:
+                self._board.set_laser(wanted)
+                self.trouble = ''
+            except DeviceError as error:
+                self.trouble = str(error)
+                # what went wrong once, and left the laser on, must not go wrong again
+                if wanted is None:
+                    with contextlib.suppress(DeviceError):
+                        self._board.stop()
+                self._closing.wait(_LOOK)
+
+
+def lit_laser(state: BoardState) -> str | None:
+    """Return the laser that is on; '' if several are, None if none is."""
+    lit = [name for name, on in state.lasers.items() if on]
+    return None if not lit else lit[0] if len(lit) == 1 else ''
+
+
+def cruise_speed(way: float, seconds: float, acceleration: float) -> float:
+    """
+    Return the speed of a move of ``way`` that takes ``seconds`` from standstill to standstill.
+
+    Infinite if no speed is high enough.
+    """
+    root = (acceleration * seconds) ** 2 - 4 * acceleration * way
+    if root < 0.0:
+        return math.inf
+    # the smaller root of v^2 - a t v + a w = 0, in the form that does not cancel
+    return 2 * way / (seconds + math.sqrt(root) / acceleration)
