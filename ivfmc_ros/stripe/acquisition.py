@@ -77,7 +77,7 @@ class Acquisition:
     """
 
     def __init__(self, cell: Cell, settings: AcquisitionSettings) -> None:
-        self._cell = cell
+        self.cell = cell
         self._masks = [stripe_mask(cell, k, settings.volume) for k in range(len(cell.lasers))]
         self.settings = settings
         self.counts = AcquisitionCounts()
@@ -93,9 +93,9 @@ class Acquisition:
         """Extract, triangulate and denoise the stripe of a picture."""
         self.require_usable(frame)
         settings = self.settings
-        direction = self._cell.lasers[frame.laser].stripe
+        direction = self.cell.lasers[frame.laser].stripe
         stripe = extract(frame.image, direction, settings.extract, self._masks[frame.laser])
-        whole = triangulate(self._cell, frame, stripe)
+        whole = triangulate(self.cell, frame, stripe)
         inside = denoise.keep(whole, settings.volume.contains(whole.points_xyz))
         clean = denoise.near_neighbours(inside, settings.noise_distance, settings.noise_least)
         self.counts.pictures += 1
@@ -110,16 +110,16 @@ class Acquisition:
         self.require_usable(frame)
         mask = self._masks[frame.laser]
         image = frame.image * (mask if frame.image.ndim == 2 else mask[..., None])
-        by_row = self._cell.lasers[frame.laser].stripe == 'rows'
+        by_row = self.cell.lasers[frame.laser].stripe == 'rows'
         return image if by_row else np.swapaxes(image, 0, 1)
 
     def require_usable(self, frame: Frame) -> None:
         """Refuse a picture that does not belong to the cell."""
         where = f'picture {frame.seq}'
-        self._cell.camera.require_image(frame.image.shape, where)
-        if not 0 <= frame.laser < len(self._cell.lasers):
+        self.cell.camera.require_image(frame.image.shape, where)
+        if not 0 <= frame.laser < len(self.cell.lasers):
             raise CellError(
-                f'{where}: shows laser {frame.laser}, the cell has {len(self._cell.lasers)}; '
+                f'{where}: shows laser {frame.laser}, the cell has {len(self.cell.lasers)}; '
                 'use the cell that the scan was made in'
             )
         if not math.isfinite(frame.angle):
