@@ -129,8 +129,47 @@ def reconstruct(
         profiles.append(profile)
         samples.add(frame, profile)
         progress('profiles', len(profiles), max(total, len(profiles)))
+    settings = replace(settings, acquisition=acquisition.settings)
+    work = _Work(settings=settings, watch=watch, counts=acquisition.counts.as_dict())
+    return _rebuilt(cell, profiles, samples.shown(), work, progress)
+
+
+def rebuild(
+    cell: Cell,
+    profiles: Sequence[Profile],
+    settings: Settings | None = None,
+    progress: Progress = silent,
+) -> Reconstruction:
+    """
+    Turn the profiles of a scan, which were measured and stored before, into a mesh.
+
+    :raises NoStripeError: no profile has a point
+    :raises GeometryError: the points make no surface
+    """
+    points = sum(len(profile) for profile in profiles)
+    counts = {'pictures': len(profiles), 'stripe_points': points}
+    work = _Work(settings=settings or Settings(), watch=Stopwatch(), counts=counts)
+    return _rebuilt(cell, profiles, [], work, progress)
+
+
+@dataclass(kw_only=True)
+class _Work:
+    """What is carried along from stage to stage."""
+
+    settings: Settings
+    watch: Stopwatch
+    counts: dict[str, int]
+
+
+def _rebuilt(
+    cell: Cell,
+    profiles: Sequence[Profile],
+    samples: list[tuple[Frame, Profile]],
+    work: _Work,
+    progress: Progress,
+) -> Reconstruction:
     _require_stripe(profiles)
-    counts = acquisition.counts.as_dict()
+    settings, watch, counts = work.settings, work.watch, work.counts
     with watch.stage('views'):
         progress('views', 0, 1)
         views, motions, found = views_of(cell, profiles, settings)
@@ -145,13 +184,13 @@ def reconstruct(
     counts.update(views=len(views), vertices=len(mesh.vertices_xyz), faces=len(mesh.faces))
     progress('done', 1, 1)
     return Reconstruction(
-        samples=samples.shown(),
+        samples=samples,
         views=views,
         poses=poses,
         verdicts=verdicts,
         motions=motions,
         mesh=mesh,
-        settings=replace(settings, acquisition=acquisition.settings, max_edge=max_edge),
+        settings=replace(settings, max_edge=max_edge),
         counts=counts,
         seconds=watch.seconds,
     )

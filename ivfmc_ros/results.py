@@ -46,7 +46,9 @@ def write_results(
         with watch.stage('pictures'):
             overview.write_mesh_sheet(target / 'mesh.png', made.mesh)
             overview.write_cloud_sheet(target / 'cloud.png', points, points[:, 2])
-            overview.write_stripe_sheet(target / 'stripes.png', made.samples)
+            # a scan that was rebuilt from its stored points has no pictures
+            if made.samples:
+                overview.write_stripe_sheet(target / 'stripes.png', made.samples)
         document: dict[str, Any] = {
             'source': source,
             'unit': {'files': made.settings.export_unit, 'report': 'm'},

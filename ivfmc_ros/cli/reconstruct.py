@@ -11,23 +11,31 @@ from rich.console import Console
 
 from ivfmc_ros import files
 from ivfmc_ros.cell.camera_file import load_camera
+from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.cell.cell_file import load_cell
 from ivfmc_ros.cell.cell_file import load_draft
 from ivfmc_ros.cli.progress import progress_bars
 from ivfmc_ros.cli.settings import reconstruction_options
 from ivfmc_ros.cli.settings import settings_of
+from ivfmc_ros.errors import FileError
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.pipeline import rebuild
 from ivfmc_ros.pipeline import reconstruct as run
+from ivfmc_ros.pipeline import Reconstruction
+from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.results import write_results
+from ivfmc_ros.storage.catalogue import Catalogue
 from ivfmc_ros.storage.scan_bag import read_scan
+from ivfmc_ros.storage.stored_scan import stored_profiles
 
 
 @click.command()
-@click.argument('bag', type=click.Path(path_type=Path))
+@click.argument('source', metavar='BAG|SCAN_ID')
 @click.option(
     '--cell',
     'cell_path',
     type=click.Path(path_type=Path),
-    required=True,
-    help='cell.yaml: lasers and turntable.',
+    help='cell.yaml: lasers and turntable (default: the one beside the bag of a scan).',
 )
 @click.option(
     '--camera',
@@ -42,21 +50,75 @@ from ivfmc_ros.storage.scan_bag import read_scan
     required=True,
     help='Folder to make; must not exist yet.',
 )
+@click.option(
+    '--scans',
+    'root',
+    type=click.Path(path_type=Path),
+    default=Path('ivfmc_run') / 'scans',
+    show_default=True,
+    help='Folder of the scans, where SCAN_ID is looked for.',
+)
 @reconstruction_options
 def reconstruct(
-    bag: Path, cell_path: Path, camera_path: Path | None, output: Path, **options: Any
+    source: str,
+    cell_path: Path | None,
+    camera_path: Path | None,
+    output: Path,
+    root: Path,
+    **options: Any,
 ) -> None:
-    """Rebuild a part from BAG: a folder with metadata.yaml, or an .mcap file."""
+    """
+    Rebuild a part.
+
+    BAG is a folder with metadata.yaml or an .mcap file, whose pictures are measured anew.
+    SCAN_ID is a scan of the catalogue, whose stored points are retrieved through it.
+    """
     settings = settings_of(options)
     files.require_new_folder(output)
-    draft = load_draft(cell_path)
+    bag = Path(source)
+    if bag.exists():
+        made, cell, skipped = _from_bag(bag, cell_path, camera_path, settings)
+    elif '/' in source or source.endswith('.mcap'):
+        raise FileError(f'{source}: there is no such bag')
+    else:
+        made, cell, skipped = _from_catalogue(root, source, cell_path, camera_path, settings)
+    document = write_results(output, cell, made, source, skipped)
+    if not bag.exists():
+        counts = {**document['counts'], 'residuals': document['residuals']}
+        Catalogue(root).add_result(source, str(output.absolute()), {'counts': counts})
+    say(output, document)
+
+
+def _from_bag(
+    bag: Path, cell_path: Path | None, camera_path: Path | None, settings: Settings
+) -> tuple[Reconstruction, Cell, Mapping[str, int]]:
+    path = cell_path or (bag if bag.is_dir() else bag.parent) / 'cell.yaml'
+    if cell_path is None and not path.is_file():
+        raise ParameterError('--cell cell.yaml is needed: there is none beside the bag')
+    draft = load_draft(path)
     camera = None if camera_path is None else load_camera(camera_path)
     names = [laser.name for laser in draft.lasers]
     scan = read_scan(bag, lasers=names, camera=camera)
-    cell = draft.complete(scan.camera, str(cell_path))
+    cell = draft.complete(scan.camera, str(path))
     with progress_bars() as progress:
         made = run(cell, scan.frames(), settings, scan.frame_count, progress)
-    say(output, write_results(output, cell, made, str(bag), scan.skipped))
+    return made, cell, scan.skipped
+
+
+def _from_catalogue(
+    root: Path,
+    scan_id: str,
+    cell_path: Path | None,
+    camera_path: Path | None,
+    settings: Settings,
+) -> tuple[Reconstruction, Cell, Mapping[str, int]]:
+    catalogue = Catalogue(root)
+    folder = catalogue.scan(scan_id).folder
+    camera = load_camera(camera_path or folder / 'camera.yaml')
+    cell = load_cell(cell_path or folder / 'cell.yaml', camera)
+    profiles = list(stored_profiles(catalogue, scan_id))
+    with progress_bars() as progress:
+        return rebuild(cell, profiles, settings, progress), cell, {}
 
 
 def say(output: Path, document: Mapping[str, Any]) -> None:
@@ -76,4 +138,5 @@ def say(output: Path, document: Mapping[str, Any]) -> None:
             f'95 % within {figures["p95"] * 1e3:.4f} mm'
         )
     for name in ('mesh.stl', 'mesh.png', 'cloud.png', 'stripes.png', 'report.json'):
-        console.print(str(output / name), soft_wrap=True, highlight=False)
+        if (output / name).exists():
+            console.print(str(output / name), soft_wrap=True, highlight=False)

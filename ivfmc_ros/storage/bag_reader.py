@@ -27,7 +27,7 @@ from ivfmc_ros.storage import metadata
 _MAGIC = b'\x89MCAP0\r\n'
 
 # what damaged files make the library raise; lz4 raises RuntimeError, a wrong CRC a ValueError
-_DAMAGE = (
+DAMAGE = (
     McapError,
     zstandard.ZstdError,
     struct.error,
@@ -226,7 +226,7 @@ def _indexed(file: Path) -> list[Topic] | None:
     with file.open('rb') as stream:
         try:
             summary = make_reader(stream).get_summary()
-        except (*_DAMAGE, OSError):
+        except (*DAMAGE, OSError):
             return None
     if summary is None or summary.statistics is None:
         return None
@@ -266,7 +266,7 @@ def _stream(
                 record = next(records, None)
                 if isinstance(record, Message):
                     channel, _ = channels[record.channel_id]
-            except _DAMAGE as error:
+            except DAMAGE as error:
                 raise _DamageError(str(error) or type(error).__name__) from error
             if record is None:
                 return
