@@ -30,6 +30,8 @@ JOINTS = 'joint_states'
 # A table stands when it said so this often in a row.
 _STILL_REPORTS = 4
 _STILL_VELOCITY = 5e-3  # rad/s
+# So many profiles may come before somebody looks.
+_LATEST = 50
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,6 +118,16 @@ class CellLink:
             and abs(report.velocity) <= _STILL_VELOCITY
             for report in last
         )
+
+    @property
+    def stood_ns(self) -> int:
+        """Since when the table has said that it stands, nanoseconds of the reports' stamps."""
+        last = list(self.reports)[-_STILL_REPORTS:]
+        return last[0].stamp_ns if last else 0
+
+    def latest(self) -> list[ProfileHead]:
+        """Return the heads of the last profiles, the newest one first."""
+        return [self.heads[seq] for seq in sorted(self.heads)[: -_LATEST - 1 : -1]]
 
     def shines(self, laser: str) -> bool:
         """Tell whether this laser is on and no other; true where nobody tells of lasers."""

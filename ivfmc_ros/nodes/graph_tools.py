@@ -80,6 +80,7 @@ class GraphTools:
         self._helpers = helpers
         self._watched: list[str] = []
         self._recording = False
+        self._stood_ns = 0
         self.bag: Mapping[str, Any] = {}
 
     async def prepare(self) -> None:
@@ -143,6 +144,7 @@ class GraphTools:
             f'the table to stand at {math.degrees(position):.2f} degrees',
             'MOTION_FAILED',
         )
+        self._stood_ns = self._link.stood_ns
 
     async def light(self, laser: str) -> None:
         """Let this laser shine and no other, and return when it does."""
@@ -155,37 +157,21 @@ class GraphTools:
         """Let all lasers go out."""
         self._link.hold(None)
 
-    async def profile_at(self, view: int, angle: float) -> None:
-        """Return when the profile of a view at a table position (radians) is there."""
-        near = 0.5 * self.context.plan.sweeps[0].span / self.context.request.profiles
-        near = max(near, self.context.tolerance)
+    async def profile_of(self, view: int) -> None:
+        """Return when a view has its profile of where the table stands."""
+        stood_ns = self._stood_ns
 
         def there() -> bool:
-            heads = self._link.heads
-            # the newest ones come last; older ones belong to other positions
-            newest = [heads[seq] for seq in sorted(heads)[-8:]]
-            return any(h.view == view and abs(h.angle - angle) <= near for h in newest)
+            return any(
+                head.view == view and head.stamp_ns >= stood_ns for head in self._link.latest()
+            )
 
-        await self._until(
-            there,
-            self.context.patience,
-            f'the profile of view {view} at {math.degrees(angle):.2f} degrees',
-            'NO_PROFILE',
-        )
+        await self._until(there, self.context.patience, f'a profile of view {view}', 'NO_PROFILE')
 
     async def settled(self, sweep: Sweep) -> None:
         """Return when every picture of the sweep has become a profile."""
-        stands_ns = self._link.reports[-1].stamp_ns
-        wanted = max(sweep.views)
-        await self._until(
-            lambda: any(
-                head.view == wanted and head.stamp_ns > stands_ns
-                for head in self._link.heads.values()
-            ),
-            self.context.patience,
-            f'the last profile of view {wanted}',
-            'NO_PROFILE',
-        )
+        # pictures become profiles in their order, and one of the table that stands is the last
+        await self.profile_of(max(sweep.views))
 
     async def resumed(self) -> None:
         """Return when the scan shall go on."""

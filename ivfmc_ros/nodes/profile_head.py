@@ -9,7 +9,7 @@ from typing import Any
 
 from sensor_msgs.msg import PointField
 
-from ivfmc_ros.errors import FileError
+from ivfmc_ros.errors import MessageError
 
 _FORMATS = {
     PointField.UINT8: 'B',
@@ -40,12 +40,12 @@ def read_head(cloud: Any) -> ProfileHead:
     """
     Read the head of a sensor_msgs/PointCloud2 on ``profile``.
 
-    :raises FileError: it is no profile; the message names what is missing
+    :raises MessageError: it is no profile; the message names what is missing
     """
     if cloud.is_bigendian:
-        raise FileError('profile: is big endian, only little endian can be read')
+        raise MessageError('profile: is big endian, only little endian can be read')
     if cloud.width * cloud.height < 1 or len(cloud.data) < cloud.point_step:
-        raise FileError('profile: has no point; one without a stripe has one NaN point')
+        raise MessageError('profile: has no point; one without a stripe has one NaN point')
     fields = {field.name: field for field in cloud.fields}
     x = _value(cloud, fields, 'x')
     return ProfileHead(
@@ -62,6 +62,6 @@ def _value(cloud: Any, fields: dict[str, Any], name: str) -> float:
     field = fields.get(name)
     if field is None or field.datatype not in _FORMATS:
         known = ', '.join(fields) or 'none'
-        raise FileError(f'profile: has no usable field {name!r}; its fields are {known}')
+        raise MessageError(f'profile: has no usable field {name!r}; its fields are {known}')
     kind = '<' + _FORMATS[field.datatype]
     return float(struct.unpack_from(kind, cloud.data, field.offset)[0])

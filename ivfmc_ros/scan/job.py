@@ -41,8 +41,8 @@ class Tools(Protocol):
     def dark(self) -> None:
         """Let all lasers go out."""
 
-    async def profile_at(self, view: int, angle: float) -> None:
-        """Return when the profile of a view at a table position (radians) is there."""
+    async def profile_of(self, view: int) -> None:
+        """Return when a view has its profile of where the table stands."""
 
     async def settled(self, sweep: Sweep) -> None:
         """Return when every picture of the sweep has become a profile."""
@@ -170,7 +170,7 @@ async def _stepwise(sweep: Sweep, machine: Machine, motion: Motion, tools: Tools
         await tools.move(angle, motion.velocity)
         for laser in lasers:
             await tools.light(laser)
-            await tools.profile_at(names[laser], angle)
+            await tools.profile_of(names[laser])
         # switching takes longer than a picture: go on with the laser that is on
         lasers.reverse()
 

@@ -44,8 +44,8 @@ class FakeTools:
     def dark(self):
         self.lit = None
 
-    async def profile_at(self, view, angle):
-        self._do('profile', view, round(angle, 6))
+    async def profile_of(self, view):
+        self._do('profile', view)
 
     async def settled(self, sweep):
         self._do('settled')
