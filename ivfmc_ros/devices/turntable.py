@@ -39,13 +39,16 @@ class TurntableDriver:
         self._connected = False
         self._wanted: str | None = None
         self._switching = threading.Condition()
+        self._target: tuple[float, float] | None = None
+        self._moving = threading.Condition()
         self._threads: list[threading.Thread] = []
         self.trouble = 'not connected yet'
+        self.refused = ''
 
     def start(self) -> None:
         """Connect, in the background, and again until it succeeds."""
         self._closing.clear()
-        for function in (self._guard, self._switch):
+        for function in (self._guard, self._switch, self._move):
             thread = threading.Thread(target=function, name=function.__name__, daemon=True)
             thread.start()
             self._threads.append(thread)
@@ -53,8 +56,6 @@ class TurntableDriver:
     def close(self) -> None:
         """Turn the lasers off, stop the table, disconnect; may be called again."""
         self._closing.set()
-        with self._switching:
-            self._switching.notify_all()
         self._board.close()
         for thread in self._threads:
             thread.join()
@@ -68,15 +69,28 @@ class TurntableDriver:
         """Return what is known now, without waiting."""
         return self._board.poll()
 
-    def go_to(self, position: float, seconds: float) -> None:
+    def command(self, position: float, seconds: float) -> None:
         """
-        Begin a move that ends in standstill.
+        Have the table go to a position, without waiting; the last command counts.
+
+        ``refused`` says why the board did not take it.
 
         position : radians, unwrapped
         seconds : that it shall take, 0 for as fast as is allowed; it takes longer if it must
+        :raises ParameterError: a number is not finite
         """
         if not (math.isfinite(position) and math.isfinite(seconds) and seconds >= 0.0):
             raise ParameterError(f'position {position}, seconds {seconds}: must be finite')
+        with self._moving:
+            self._target = position, seconds
+            self._moving.notify_all()
+
+    def go_to(self, position: float, seconds: float) -> None:
+        """
+        Begin a move that ends in standstill; return when the board has accepted it.
+
+        :raises DeviceError: the board did not
+        """
         self._beam.idle()
         limits = self._board.limits()
         speed = min(self._velocity, limits.velocity)
@@ -108,6 +122,8 @@ class TurntableDriver:
 
     def stop(self) -> None:
         """Brake, lasers off; they stay off until whoever holds them has let go."""
+        with self._moving:
+            self._target = None
         self._beam.stopped()
         self._board.stop()
 
@@ -171,6 +187,19 @@ class TurntableDriver:
             self.trouble = str(error)
             return False
         return True
+
+    def _move(self) -> None:
+        while not self._closing.is_set():
+            with self._moving:
+                self._moving.wait_for(lambda: self._target is not None, _LOOK)
+                target, self._target = self._target, None
+            if target is None:
+                continue
+            try:
+                self.go_to(*target)
+                self.refused = ''
+            except DeviceError as error:
+                self.refused = str(error)
 
     def _switch(self) -> None:
         while not self._closing.is_set():
