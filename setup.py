@@ -92,7 +92,9 @@ setup(
     },
     entry_points={
         'console_scripts': [
+            'camera = ivfmc_ros.nodes.camera:main',
             'ivfmc = ivfmc_ros.cli.main:main',
+            'turntable = ivfmc_ros.nodes.turntable:main',
         ],
     },
     cmdclass={'install_scripts': InstallScripts},
