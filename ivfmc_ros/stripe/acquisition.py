@@ -3,6 +3,7 @@
 """One picture in, one profile out."""
 
 from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import asdict
 from dataclasses import dataclass
 from dataclasses import field
@@ -23,6 +24,7 @@ from ivfmc_ros.stripe import channel
 from ivfmc_ros.stripe import denoise
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
+from ivfmc_ros.stripe.extract import Stripe
 from ivfmc_ros.stripe.region import stripe_mask
 from ivfmc_ros.stripe.triangulate import triangulate
 
@@ -82,12 +84,30 @@ class Acquisition:
         self.settings = settings
         self.counts = AcquisitionCounts()
 
-    def choose_channel(self, frames: Iterable[Frame]) -> None:
-        """Decide by some pictures which colours measure the stripe, unless the settings say."""
-        if self.settings.extract.channel == 'auto':
+    def prepare(self, frames: Iterable[Frame]) -> None:
+        """
+        Decide by some pictures what the settings leave open.
+
+        These are the colours that measure the stripe, and how wide it usually is.
+        """
+        frames = list(frames)
+        extraction = self.settings.extract
+        if extraction.channel == 'auto':
             chosen = channel.unclipped_channel(self._masked(frame) for frame in frames)
-            settings = replace(self.settings.extract, channel=chosen)
-            self.settings = replace(self.settings, extract=settings)
+            extraction = replace(extraction, channel=chosen)
+        if extraction.expected_width is None:
+            extraction = replace(extraction, expected_width=self._usual_width(frames, extraction))
+        self.settings = replace(self.settings, extract=extraction)
+
+    def _usual_width(self, frames: Sequence[Frame], settings: ExtractSettings) -> float | None:
+        widths = np.concatenate(
+            [np.zeros(0), *(self._extract(frame, settings).width for frame in frames)]
+        )
+        return float(np.median(widths).clip(0.3, 50.0)) if len(widths) else None
+
+    def _extract(self, frame: Frame, settings: ExtractSettings) -> Stripe:
+        direction = self.cell.lasers[frame.laser].stripe
+        return extract(frame.image, direction, settings, self._masks[frame.laser])
 
     def profile(self, frame: Frame) -> Profile:
         """Extract, triangulate and denoise the stripe of a picture."""

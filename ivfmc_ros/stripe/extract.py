@@ -20,6 +20,7 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Image
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
+from ivfmc_ros.stripe import along
 from ivfmc_ros.stripe import channel
 from ivfmc_ros.stripe import path
 from ivfmc_ros.stripe import peaks
@@ -81,7 +82,9 @@ def _extract_rows(grey: Image, settings: ExtractSettings, mask: Bools | None) ->
     rows, u, estimate = _estimates(grey, settings, mask)
     sigma = estimate.sigma
     if settings.doubt:
-        sigma = np.hypot(sigma, trust.doubt(rows, u, estimate))
+        sigma = np.hypot(sigma, trust.doubt(rows, u, estimate, settings.expected_width))
+    if settings.along and len(rows):
+        u, sigma = along.smooth(rows, u, sigma, settings.along)
     found = Stripe(
         uv=np.stack([u, rows], axis=1),
         intensity=estimate.height,

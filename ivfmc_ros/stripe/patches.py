@@ -19,7 +19,7 @@ from ivfmc_ros.stripe.noise import Noise
 from ivfmc_ros.stripe.peaks import Peaks
 
 # Grey values of 0 to 255 from which on a pixel counts as clipped.
-_FULL = 254.5
+FULL = 254.5
 # An uncertainty that says nothing, and with which sums can still be taken.
 UNTOLD = 1e3
 # Standard deviation of a bell's height with free place, width and level, for noise 1 and sigma 1.
@@ -81,8 +81,8 @@ class Patches:
             used &= (places >= 0) & (places < width)
         if limits is not None:
             _within(used, column, steps, limits)
-        if values.max(initial=0.0) >= _FULL:
-            used &= ~_grown(values >= _FULL)
+        if values.max(initial=0.0) >= FULL:
+            used &= ~_grown(values >= FULL)
         return cls(x, column, values, used.astype(np.float32), rough)
 
     def __len__(self) -> int:

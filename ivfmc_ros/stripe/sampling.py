@@ -49,7 +49,7 @@ class SampledAcquisition:
         if not first:
             self._first = first
             return []
-        self.acquisition.choose_channel(first)
+        self.acquisition.prepare(first)
         return [(frame, self._measure(frame)) for frame in first]
 
     def _measure(self, frame: Frame) -> Profile:

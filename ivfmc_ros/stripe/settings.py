@@ -27,6 +27,9 @@ class ExtractSettings:
     smoothing : width in pixels of the box that finds the peak; odd
     path : search one path along the stripe where rows have several peaks
     doubt : let sigma grow where the profile is not a stripe's
+    expected_width : sigma in pixels of the laser's stripe on most surfaces, to tell one that an
+        edge has cut; None: from the first pictures of a scan, or from the picture
+    along : rows (sigma of a Gaussian) over which places are smoothed along the stripe; 0 for none
     noise : of the pixels, gives weights and sigmas; None: estimated from the first pictures of
         a scan, and for a single picture that of the bench cell
     """
@@ -35,13 +38,15 @@ class ExtractSettings:
     channel: str = 'auto'
     min_snr: float = 6.0
     min_contrast: float = 0.01
-    max_error: float = 1.0
+    max_error: float = 0.6
     window: float = 3.2
     max_sigma: float = 12.0
     max_widening: float = 4.0
     smoothing: int = 5
     path: bool = True
     doubt: bool = True
+    expected_width: float | None = None
+    along: float = 0.0
     noise: Noise | None = None
 
     def __post_init__(self) -> None:
@@ -56,6 +61,10 @@ class ExtractSettings:
         _require('max_sigma', self.max_sigma, 1.0 <= self.max_sigma <= 50.0, '1 to 50 pixels')
         widening = 1.0 < self.max_widening <= 50.0
         _require('max_widening', self.max_widening, widening, 'above 1, to 50')
+        _require('along', self.along, 0.0 <= self.along <= 50.0, '0 to 50 rows')
+        width = self.expected_width
+        if width is not None:
+            _require('expected_width', width, 0.3 <= width <= 50.0, '0.3 to 50 pixels')
         odd = self.smoothing % 2 == 1 and 1 <= self.smoothing <= 31
         _require('smoothing', self.smoothing, odd, 'odd, 1 to 31')
 

@@ -28,17 +28,21 @@ _EVERY = 4
 _BY_SKEW = 5.0
 _BY_MISFIT = 0.12
 _BY_WIDTH = 1.7
+# No surface makes a stripe narrower than this share of what it is on most of them.
+_NARROWEST = 0.55
+_BY_NARROW = 5.0
 # Certainty: lean and width count as far as they exceed so many of their own sigmas.
 _CERTAIN = 2.0
 # A surface that bends changes the width by this share without harm.
 _BEND = 0.06
 
 
-def doubt(rows: Ints, u: Floats, estimate: Estimate) -> Floats:
+def doubt(rows: Ints, u: Floats, estimate: Estimate, expected: float | None) -> Floats:
     """
     Return by how many pixels each place can be off beyond its noise, (n,) float64.
 
     rows : (n,) ascending; u : (n,) columns of the stripe
+    expected : sigma of the laser's stripe on most surfaces, pixels; None: as in most rows
     """
     if not len(rows):
         return np.zeros(0)
@@ -50,11 +54,17 @@ def doubt(rows: Ints, u: Floats, estimate: Estimate) -> Floats:
     usual = _usual(estimate.width)
     # the width is about as uncertain as the place
     width_sigma = np.sqrt(_mean(estimate.sigma**2, first, after) / count) / usual
-    change = np.abs(_mean(estimate.width, first, after) / usual - 1.0)
-    change = np.maximum(change - _BEND - _CERTAIN * width_sigma, 0.0)
+    width = _mean(estimate.width, first, after)
+    change = np.abs(width / usual - 1.0) - _BEND - _CERTAIN * width_sigma
+    least = _NARROWEST * (np.median(estimate.width) if expected is None else expected)
+    scale = np.maximum(np.maximum(estimate.width, usual), least)
     misfit = np.sqrt(np.maximum(estimate.misfit**2 - 1.0, 0.0))
-    scale = np.maximum(estimate.width, usual)
-    parts = _BY_SKEW * lean, _BY_MISFIT * misfit, _BY_WIDTH * change
+    parts = (
+        _BY_SKEW * lean,
+        _BY_MISFIT * misfit,
+        _BY_WIDTH * np.maximum(change, 0.0),
+        _BY_NARROW * np.maximum(1.0 - width / least, 0.0),
+    )
     return np.asarray(scale * np.sqrt(sum(part**2 for part in parts)))
 
 
@@ -67,15 +77,20 @@ def _usual(width: Floats) -> Floats:
 
 def _neighbours(rows: Ints, u: Floats) -> tuple[Ints, Ints]:
     """Return for each point the first, and one after the last, of those near it on its piece."""
-    gap = np.diff(rows)
-    broken = (gap > _GAP) | (np.abs(np.diff(u)) > _SLOPE * gap)
-    starts = np.concatenate([[0], np.flatnonzero(broken) + 1, [len(rows)]])
+    starts = piece_starts(rows, u)
     piece = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
     index = np.arange(len(rows))
     return (
         np.maximum(index - _NEAR, starts[piece]),
         np.minimum(index + _NEAR + 1, starts[piece + 1]),
     )
+
+
+def piece_starts(rows: Ints, u: Floats) -> Ints:
+    """Return where each unbroken piece of the stripe starts, and at the end its length."""
+    gap = np.diff(rows)
+    broken = (gap > _GAP) | (np.abs(np.diff(u)) > _SLOPE * gap)
+    return np.concatenate([[0], np.flatnonzero(broken) + 1, [len(rows)]])
 
 
 def _mean(values: Floats, first: Ints, after: Ints) -> Floats:

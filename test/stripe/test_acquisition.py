@@ -82,7 +82,7 @@ def coloured(image):
 def test_colours_are_chosen_by_the_pictures():
     found = acquisition()
     frames = sphere_frames(small_cell(), SPHERE, 3)
-    found.choose_channel(replace(frame, image=coloured(frame.image)) for frame in frames)
+    found.prepare(replace(frame, image=coloured(frame.image)) for frame in frames)
     assert found.settings.extract.channel == 'blue+red'
 
 
@@ -91,7 +91,7 @@ def test_colours_are_chosen_by_the_part_and_not_by_the_wall():
     (frame,) = sphere_frames(small_cell(), SPHERE, 1)
     image = np.repeat(frame.image[..., None], 3, axis=2)
     image[:, 20:40, 2] = 255
-    found.choose_channel([replace(frame, image=image)])
+    found.prepare([replace(frame, image=image)])
     assert found.settings.extract.channel == 'blue+green+red'
 
 
@@ -104,7 +104,7 @@ def test_colours_of_a_stripe_along_rows_are_chosen_across_it():
     image[250, 300:304, 1] = 255.0
     image[240:262] *= 1.3
     found = Acquisition(cell, AcquisitionSettings())
-    found.choose_channel([frame_of(image.clip(0, 255).astype(np.uint8))])
+    found.prepare([frame_of(image.clip(0, 255).astype(np.uint8))])
     assert found.settings.extract.channel == 'blue+green+red'
 
 
@@ -112,7 +112,7 @@ def test_chosen_channel_is_not_changed():
     settings = AcquisitionSettings()
     settings = replace(settings, extract=replace(settings.extract, channel='green'))
     found = Acquisition(small_cell(), settings)
-    found.choose_channel([frame_of(coloured(BLACK))])
+    found.prepare([frame_of(coloured(BLACK))])
     assert found.settings.extract.channel == 'green'
 
 
@@ -121,7 +121,7 @@ def test_picture_of_another_size_is_refused():
     with pytest.raises(CellError, match=r'^picture 7: the picture is 640 x 480'):
         acquisition().profile(small)
     with pytest.raises(CellError, match=r'^picture 7: the picture is 640 x 480'):
-        acquisition().choose_channel([small])
+        acquisition().prepare([small])
 
 
 @pytest.mark.parametrize('laser', [2, -1])
