@@ -79,7 +79,7 @@ def running(name: str, **parameters: Any) -> Iterator[NodeProcess]:
         assert node.alive, node.end()
     finally:
         code = node.end()
-        print(node.output)
+        sys.stdout.write(node.output)
     assert code == 0, node.output
 
 
@@ -109,7 +109,10 @@ class Client:
         """Spin until something is the case."""
         deadline = time.monotonic() + seconds
         while not condition():
-            assert time.monotonic() < deadline, what or f'nothing within {seconds} s'
+            said = {
+                name: self.diagnostic(name) for name in ('triangulator', 'registrar', 'mesher')
+            }
+            assert time.monotonic() < deadline, f'{what or "nothing"} within {seconds} s: {said}'
             self.executor.spin_once(timeout_sec=0.02)
 
     def spin(self, seconds: float) -> None:

@@ -216,7 +216,8 @@ class CellNode(ParameterNode):
 
     def _say(self, name: str, level: Level, message: str) -> None:
         logger = self.get_logger()
-        text = message if name == 'status' else f'{name}: {message}'
+        told = name == 'status' or message.startswith(name)
+        text = message if told else f'{name}: {message}'
         # rclpy wants one place in the code for each severity
         if level is Level.ERROR:
             logger.error(text)

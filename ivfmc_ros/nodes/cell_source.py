@@ -17,7 +17,6 @@ from ivfmc_ros.errors import NotReadyError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.nodes.adaptive import AdaptiveSubscription
 from ivfmc_ros.nodes.base import CellNode
-from ivfmc_ros.nodes.health import Level
 from ivfmc_ros.storage.camera_info import camera_of
 
 
@@ -65,8 +64,8 @@ class CellSource:
             if self._camera is None:
                 topic = self._infos.topic
                 raise NotReadyError(
-                    f'camera_info: none has come on {topic} ({self._infos.publishers} '
-                    'publishers); start the camera, or name its calibration by camera'
+                    f'camera_info: none has come on {topic}; start the camera, or name its '
+                    'calibration by camera'
                 )
             self._cell = draft.complete(self._camera, path)
         return self._cell
@@ -121,17 +120,11 @@ class CellSource:
             tuple(message.k),
             tuple(message.d),
         )
-        if seen == self._seen:
+        if seen == self._seen and self._camera is not None:
             return
         self._seen = seen
-        try:
-            self._camera = camera_of(message, self._infos.topic)
-        except ScanError as error:
-            self._camera = None
-            self._node.health.set('camera_info', Level.ERROR, str(error))
-        else:
-            self._node.health.clear('camera_info')
-        self._cell = None
+        self._cell = self._camera = None
+        self._camera = camera_of(message, self._infos.topic)
 
 
 def _named(path: str) -> Path:

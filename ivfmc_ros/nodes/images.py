@@ -61,7 +61,7 @@ def to_jpeg(image: Image, stamp_ns: int, frame_id: str = CAMERA_FRAME) -> Compre
     return CompressedImage(header=header(stamp_ns, frame_id), format='jpeg', data=octets(data))
 
 
-def octets(values: Any) -> array[int]:
+def octets(values: Any) -> 'array[int]':
     """Return the bytes of a contiguous array as rclpy takes them without looking at each."""
     data = array('B')
     data.frombytes(memoryview(values).cast('B'))

@@ -112,7 +112,8 @@ class Triangulator(CellNode):
             raise MessageError(
                 f'{self._joints.topic}: has no position of joint {joint!r}; joints there: {there}'
             )
-        if not self._matcher.table(nanoseconds(message.header.stamp), *stated):
+        stamp = nanoseconds(message.header.stamp)
+        if not self._matcher.table(stamp, *stated, now_s=self.steady_s()):
             self._jumped(self._joints.topic)
         self._work()
 
@@ -125,7 +126,8 @@ class Triangulator(CellNode):
                 f'lasers there: {there}'
             )
         states = dict(zip(message.name, message.position, strict=False))
-        if not self._matcher.lasers(nanoseconds(message.header.stamp), states):
+        stamp = nanoseconds(message.header.stamp)
+        if not self._matcher.lasers(stamp, states, self.steady_s()):
             self._jumped(self._lasers.topic)
         self._work()
 
@@ -142,7 +144,6 @@ class Triangulator(CellNode):
         if stream is None:
             return
         for match in self._matcher.ready(start, self.get('patience')):
-            self._last_s = start
             self._measure(stream, match)
             if self.steady_s() - start > _BUDGET_S:
                 return
@@ -192,6 +193,8 @@ class Triangulator(CellNode):
             self._counts['refused'] += 1
             self.trouble('picture', error)
             return
+        # pictures that are not used must not make those wait that are
+        self._last_s = self.steady_s()
         self._seq += 1
         self.health.clear('picture')
         self._publish(measured)
@@ -213,15 +216,14 @@ class Triangulator(CellNode):
         self.status(Level.OK, '', waiting=waiting, counts=counted, scan_id=self.get('scan_id'))
 
     def _miss(self, name: str, come: bool, subscription: AdaptiveSubscription) -> None:
-        condition = f'no {name}'
-        if come:
-            self.health.clear(condition)
+        if come or name in self.health.conditions:
+            # a message that comes takes the condition back itself
             return
         self.health.set(
-            condition,
+            name,
             Level.WARN,
-            f'{name}: none has come on {subscription.topic} '
-            f'({subscription.publishers} publishers)',
+            f'{name}: none has come on {subscription.topic}, which '
+            f'{"has a publisher" if subscription.publishers else "nobody publishes"}',
         )
 
 

@@ -124,6 +124,8 @@ class Matcher:
         self._lit = LaserReports(self._lasers)
         self._waiting: list[_Waiting] = []
         self._count = 0
+        self._table_heard_s = -math.inf
+        self._lasers_heard_s = -math.inf
         self.restart()
 
     def __len__(self) -> int:
@@ -145,13 +147,17 @@ class Matcher:
         self._turns: float | None = None
         self._measured: dict[int, float] = {}
 
-    def table(self, stamp_ns: int, position: float, velocity: float | None = None) -> bool:
+    def table(
+        self, stamp_ns: int, position: float, velocity: float | None = None, now_s: float = 0.0
+    ) -> bool:
         """Take a report, radians and radians per second; False where the time jumped back."""
+        self._table_heard_s = now_s
         self._table.forget(self._history_s)
         return self._table.add(stamp_ns, position, velocity)
 
-    def lasers(self, stamp_ns: int, states: Mapping[str, float]) -> bool:
+    def lasers(self, stamp_ns: int, states: Mapping[str, float], now_s: float = 0.0) -> bool:
         """Take a report, above 0.5 is on; False where the time jumped back."""
+        self._lasers_heard_s = now_s
         self._lit.forget(self._history_s)
         return self._lit.add(stamp_ns, states)
 
@@ -173,23 +179,28 @@ class Matcher:
         """
         Yield pictures, by stamp, as far as they can be judged.
 
-        now_s, patience_s : what came longer ago is judged by what is known
+        now_s, patience_s : when what a picture waits for has not come for so long, the picture
+            is judged by what is known
         """
         while self._waiting:
             first = self._waiting[0]
-            if not self._bracketed(first) and now_s - first.arrived_s < patience_s:
+            if now_s - self._waits_since(first) < patience_s:
                 return
             del self._waiting[0]
             yield self._judge(first)
 
-    def _bracketed(self, waiting: _Waiting) -> bool:
+    def _waits_since(self, waiting: _Waiting) -> float:
+        """Return when something was last heard that the picture waits for; -inf: it need not."""
         stamp_ns, settings = waiting.stamp_ns, waiting.settings
         end = stamp_ns + int(settings.exposure * _NANOSECONDS)
-        stands = settings.motion == 'step'
-        table = self._table.stamps
-        if not table or not table[0] <= stamp_ns or table[-1] < (end if stands else stamp_ns):
-            return False
-        return settings.always_on or bool(self._lit.stamps and self._lit.stamps[-1] >= end)
+        needed = end if settings.motion == 'step' else stamp_ns
+        table, lasers = self._table.stamps, self._lit.stamps
+        since = -math.inf
+        if not table or not table[0] <= stamp_ns or table[-1] < needed:
+            since = max(waiting.arrived_s, self._table_heard_s)
+        if not settings.always_on and (not lasers or lasers[-1] < end):
+            since = max(since, waiting.arrived_s, self._lasers_heard_s)
+        return since
 
     def _judge(self, waiting: _Waiting) -> Match:
         stamp, settings = waiting.stamp_ns, waiting.settings

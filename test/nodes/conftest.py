@@ -1,0 +1,53 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A cell on disk, the sphere in it, and a client of the graph."""
+
+from cell_inputs import Inputs
+from graph_rig import Client
+import numpy as np
+import pytest
+from synthetic import small_cell
+from synthetic import Sphere
+from synthetic import sphere_frames
+
+from ivfmc_ros.cell.cell_file import save_cell
+
+STEPS = 40
+
+
+@pytest.fixture
+def client():
+    client = Client()
+    yield client
+    client.close()
+
+
+@pytest.fixture(scope='session')
+def cell():
+    return small_cell()
+
+
+@pytest.fixture(scope='session')
+def cell_file(cell, tmp_path_factory):
+    path = tmp_path_factory.mktemp('cell') / 'cell.yaml'
+    save_cell(path, cell)
+    return path
+
+
+@pytest.fixture(scope='session')
+def sphere():
+    return Sphere(np.array([0.004, 0.002, 0.03]), 0.02)
+
+
+@pytest.fixture(scope='session')
+def frames(cell, sphere):
+    """A turn in steps with each of the two lasers."""
+    found = []
+    for laser in (0, 1):
+        found += sphere_frames(cell, sphere, STEPS, laser=laser, view=laser, seed=laser + 1)
+    return found
+
+
+@pytest.fixture
+def inputs(client, cell):
+    return Inputs(client, cell)

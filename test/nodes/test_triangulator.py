@@ -1,0 +1,163 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+from cell_inputs import START
+from cell_inputs import STEP
+from graph_rig import running
+import numpy as np
+from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import PointCloud2
+
+from ivfmc_ros.nodes import clouds
+
+
+def feed(inputs, frames, first=0, found=None):
+    before = len(found) if found is not None else 0
+    for number, frame in enumerate(frames, start=first):
+        inputs.step(number, frame)
+        if found is not None:
+            # a reliable publisher keeps 30; 16 may wait until they are enough to decide by
+            inputs.client.until(lambda sent=number - first: len(found) - before > sent - 20)
+        else:
+            inputs.client.spin(0.01)
+
+
+def test_every_picture_becomes_a_profile_of_the_sphere(client, inputs, cell_file, frames, sphere):
+    found = client.collect(PointCloud2, 'profile')
+    shown = client.collect(CompressedImage, 'stripe_image/compressed')
+    with running('triangulator', cell=str(cell_file), scan_id='first'):
+        inputs.wait()
+        feed(inputs, frames, found=found)
+        # the last lies past what is reported of table and lasers, and is judged by what is known
+        client.until(lambda: len(found) == len(frames), 10.0)
+        client.until(lambda: shown)
+    profiles = [clouds.to_profile(message, 'profile') for message in found]
+    assert [profile.seq for profile in profiles] == list(range(len(frames)))
+    assert [profile.laser for profile in profiles] == [frame.laser for frame in frames]
+    assert [profile.view for profile in profiles] == [frame.laser for frame in frames]
+    assert [profile.stamp_ns for profile in profiles] == [
+        START + number * STEP for number in range(len(frames))
+    ]
+    points = np.concatenate([profile.points_xyz for profile in profiles])
+    assert np.sqrt(np.mean(sphere.distance(points) ** 2)) < 1e-4
+
+
+def test_joint_states_that_never_come_are_named_and_their_start_is_enough(
+    client, inputs, cell_file, frames
+):
+    found = client.collect(PointCloud2, 'profile')
+    with running('triangulator', cell=str(cell_file), queue=5, patience=2.0):
+        inputs.wait()
+        inputs.camera_info()
+        for number, frame in enumerate(frames[:8]):
+            inputs.picture(frame.image, START + number * STEP)
+            client.spin(0.02)
+        client.until(lambda: 'joint_states: none has come' in client.diagnostic('triangulator'))
+        client.until(lambda: '3 waited too long' in client.diagnostic('triangulator'))
+        assert found == []
+        feed(inputs, frames[8:12], first=8)
+        client.until(lambda: 'none has come' not in client.diagnostic('triangulator'))
+        client.until(lambda: found)
+
+
+def test_camera_info_that_does_not_match_the_picture_is_named(client, inputs, cell_file, frames):
+    found = client.collect(PointCloud2, 'profile')
+    with running('triangulator', cell=str(cell_file)):
+        inputs.wait()
+        inputs.camera_info(width=320, height=256, k=[600.0, 0, 160, 0, 600, 128, 0, 0, 1])
+        for number, frame in enumerate(frames[:3]):
+            stamp = START + number * STEP
+            inputs.table(frame.angle, stamp)
+            inputs.lit(0, stamp)
+            inputs.lit(0, stamp + STEP)
+            inputs.picture(frame.image, stamp)
+        wrong = 'the picture is 640 x 512, the camera was calibrated at 320 x 256'
+        client.until(lambda: wrong in client.diagnostic('triangulator'))
+        assert found == []
+        feed(inputs, frames[:20], first=5, found=found)
+        client.until(lambda: len(found) >= 16)
+        client.until(lambda: wrong not in client.diagnostic('triangulator'))
+
+
+def test_an_uncalibrated_camera_info_is_named(client, inputs, cell_file):
+    with running('triangulator', cell=str(cell_file)):
+        inputs.wait()
+        inputs.camera_info(k=[0.0] * 9)
+        client.until(lambda: 'camera_matrix' in client.diagnostic('triangulator'))
+
+
+def test_stamps_that_jump_back_begin_anew(client, inputs, cell_file, frames):
+    found = client.collect(PointCloud2, 'profile')
+    with running('triangulator', cell=str(cell_file)):
+        inputs.wait()
+        feed(inputs, frames[:20], found=found)
+        client.until(lambda: len(found) >= 19)
+        feed(inputs, frames[:20], found=found)
+        client.until(lambda: len(found) >= 39)
+        client.until(lambda: 'jumps' in client.diagnostic('triangulator'))
+    assert [clouds.to_profile(message, '').seq for message in found] == list(range(len(found)))
+
+
+def test_a_joint_of_another_name_is_named(client, inputs, cell_file):
+    with running('triangulator', cell=str(cell_file)):
+        inputs.wait()
+        inputs.table(0.0, START, name='elbow')
+        wrong = "has no position of joint 'turntable_joint'; joints there: elbow"
+        client.until(lambda: wrong in client.diagnostic('triangulator'))
+
+
+def test_without_a_cell_the_node_lives_and_says_so(client, tmp_path, cell_file):
+    with running('triangulator', cell=str(tmp_path / 'none.yaml')):
+        client.until(lambda: 'none.yaml' in client.diagnostic('triangulator'))
+        assert client.set('triangulator', cell=str(cell_file)).successful
+        client.until(lambda: 'none.yaml' not in client.diagnostic('triangulator'))
+
+
+def test_parameters_that_make_no_sense_are_refused_by_name(client, cell_file, tmp_path):
+    with running('triangulator', cell=str(cell_file)):
+        for name, value in (
+            ('exposure', float('nan')),
+            ('exposure', 11.0),
+            ('patience', -1.0),
+            ('motion', 'hop'),
+            ('volume__top', -0.5),
+            ('extract__smoothing', 4),
+            ('extract__channel', 'pink'),
+            ('noise_distance', float('inf')),
+            ('view', [-2, 0]),
+            ('cell', str(tmp_path / 'none.yaml')),
+        ):
+            answer = client.set('triangulator', **{name: value})
+            assert not answer.successful
+            key = name.replace('__', '.').split('.')[-1]
+            assert key in answer.reason or 'none.yaml' in answer.reason
+        assert client.set('triangulator', view=[0, 1], motion='step').successful
+
+
+def test_in_steps_only_a_table_that_stands_is_measured_and_once(client, inputs, cell_file, frames):
+    found = client.collect(PointCloud2, 'profile')
+    with running('triangulator', cell=str(cell_file), motion='step', settle=0.05):
+        inputs.wait()
+        inputs.camera_info()
+        tick = 10_000_000
+        # stands at 0 for 0.3 s, turns for 0.3 s, stands at 0.3 rad for 0.3 s
+        for count in range(91):
+            stamp = START + count * tick
+            inputs.table(min(max(count - 30, 0), 30) * 0.01, stamp)
+            inputs.lit(0, stamp)
+            if count % 10 == 5:
+                inputs.picture(frames[0].image, stamp)
+            client.spin(0.0)
+        client.until(lambda: len(found) == 2)
+        client.until(lambda: '3 table moving' in client.diagnostic('triangulator'))
+        client.until(lambda: 'angle measured already' in client.diagnostic('triangulator'))
+    angles = [clouds.to_profile(message, '').angle for message in found]
+    np.testing.assert_allclose(angles, [0.0, 0.3], atol=1e-6)
+
+
+def test_a_laser_that_is_not_to_be_measured_gives_no_profile(client, inputs, cell_file, frames):
+    found = client.collect(PointCloud2, 'profile')
+    with running('triangulator', cell=str(cell_file), view=[-1, 7]):
+        inputs.wait()
+        feed(inputs, [*frames[:5], *frames[-17:]])
+        client.until(lambda: len(found) == 17)
+    assert {clouds.to_profile(message, '').view for message in found} == {7}
