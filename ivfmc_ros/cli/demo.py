@@ -1,31 +1,15 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""``ivfmc demo``: the whole job on pictures of a simulated cell, compared with the CAD."""
+"""``ivfmc demo``: the whole job in a simulated cell, compared with the CAD."""
 
 from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
 
-from ivfmc_ros import files
-from ivfmc_ros.cell.camera_file import save_camera
-from ivfmc_ros.cell.cell_file import load_draft
-from ivfmc_ros.cell.cell_file import save_cell
-from ivfmc_ros.cli.progress import progress_bars
-from ivfmc_ros.cli.reconstruct import say
 from ivfmc_ros.cli.settings import reconstruction_options
-from ivfmc_ros.cli.settings import settings_of
-from ivfmc_ros.meshing.export import write_solid
-from ivfmc_ros.pipeline import reconstruct
-from ivfmc_ros.results import write_results
-from ivfmc_ros.simulation.bench import bench_cell
-from ivfmc_ros.simulation.optics import Optics
-from ivfmc_ros.simulation.parts import demo_part
-from ivfmc_ros.simulation.recording import record_scan
-from ivfmc_ros.simulation.render import simulate_scan
-from ivfmc_ros.storage.scan_bag import read_scan
-from ivfmc_ros.surface import Surface
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.scan.request import MOTIONS
 
 
 @click.command()
@@ -37,42 +21,64 @@ from ivfmc_ros.surface import Surface
     show_default=True,
     help='Folder to make; must not exist yet.',
 )
+@click.option('--offline', is_flag=True, help='Pictures to a bag to a mesh, without ROS.')
 @click.option(
     '--steps',
+    '--profiles',
+    'steps',
     type=click.IntRange(8, 4000),
     default=200,
     show_default=True,
-    help='Pictures a turn, for each of the two lasers.',
+    help='Profiles a turn, for each of the two lasers.',
+)
+@click.option(
+    '--motion',
+    type=click.Choice(MOTIONS),
+    default='continuous',
+    show_default=True,
+    help='How the table turns (not offline).',
 )
 @click.option(
     '--speckle',
     type=click.FloatRange(0.0, 1.0),
     default=0.15,
     show_default=True,
-    help='Contrast of the laser speckle.',
+    help='Contrast of the laser speckle (offline).',
 )
 @click.option('--seed', type=int, default=0, show_default=True, help='Of the noise.')
 @reconstruction_options
-def demo(output: Path, steps: int, speckle: float, seed: int, **options: Any) -> None:
-    """Scan the demo part in the simulated bench cell and rebuild it from the bag."""
-    settings = settings_of({**options, 'bottom': max(options['bottom'], 0.5)})
-    files.require_new_folder(output)
-    cell, part = bench_cell(), demo_part()
-    total = steps * len(cell.lasers)
-    frames = simulate_scan(cell, part, steps, optics=Optics(speckle=speckle), seed=seed)
-    with files.whole_folder(output) as folder:
-        save_cell(folder / 'cell.yaml', cell)
-        save_camera(folder / 'camera.yaml', cell.camera)
-        write_solid(folder / 'nominal.stl', part.vertices_xyz, part.faces)
-        with progress_bars() as progress:
-            record_scan(folder / 'bag', cell, frames, total, progress)
-            # from here on only what is on disk is used, as for a real scan
-            draft = load_draft(folder / 'cell.yaml')
-            names = [laser.name for laser in draft.lasers]
-            scan = read_scan(folder / 'bag', lasers=names)
-            recorded = draft.complete(scan.camera, 'cell.yaml')
-            made = reconstruct(recorded, scan.frames(), settings, total, progress)
-        nominal = Surface(part.vertices_xyz, part.faces)
-        document = write_results(folder / 'result', recorded, made, 'bag', scan.skipped, nominal)
-    Console().print(f'nominal part: {output / "nominal.stl"}', soft_wrap=True, highlight=False)
-    say(output / 'result', document)
+@click.pass_context
+def demo(
+    context: click.Context,
+    /,
+    output: Path,
+    offline: bool,
+    steps: int,
+    motion: str,
+    speckle: float,
+    seed: int,
+    **options: Any,
+) -> None:
+    """
+    Scan the demo part in the simulated bench cell.
+
+    The cell is started as it would be with hardware, one process a node, and scanned by its
+    service. With --offline the pictures are rendered into a bag and rebuilt from it, without
+    ROS; the options of the reconstruction are for that.
+    """
+    if offline:
+        from ivfmc_ros.cli.demo_offline import run_offline
+
+        run_offline(output, steps, speckle, seed, **options)
+        return
+    given = context.get_parameter_source
+    unused = [
+        name
+        for name in (*options, 'speckle')
+        if given(name) is click.core.ParameterSource.COMMANDLINE
+    ]
+    if unused:
+        raise ParameterError(f'--{unused[0].replace("_", "-")}: is for --offline only')
+    from ivfmc_ros.cli.demo_graph import run_graph
+
+    run_graph(output, seed, {'part': 'demo', 'profiles': steps, 'motion': motion})

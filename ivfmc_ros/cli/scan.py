@@ -51,10 +51,13 @@ def wanted_of(options: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def run_scan(client: CellClient, wanted: dict[str, Any]) -> dict[str, Any]:
+def run_scan(
+    client: CellClient, wanted: dict[str, Any], check: Callable[[], None] = lambda: None
+) -> dict[str, Any]:
     """
     Scan, with a bar on the terminal; Ctrl-C cancels the scan and waits for its end.
 
+    check : is called again and again, and raises when it makes no sense to go on
     :raises HelperError: the scan was refused or failed, with its code
     """
     if wanted:
@@ -64,6 +67,7 @@ def run_scan(client: CellClient, wanted: dict[str, Any]) -> dict[str, Any]:
         cancelled = False
         while (result := result_of(client.status, scan_id)) is None:
             client.until(_changed(client), _SILENCE_S, 'scan_status')
+            check()
             show(client.status)
             if ending.is_set() and not cancelled:
                 cancelled = True
