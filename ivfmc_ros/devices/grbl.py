@@ -306,9 +306,12 @@ class GrblBoard:
 
     def _reset(self) -> None:
         """Kill spindle, coolant and whatever is queued."""
-        self._monitor.expect_start()
-        self._line.write(grbl_text.RESET)
-        if not self._monitor.wait_start(_BOOT):
+        for _ in range(2):  # a byte may get lost
+            self._monitor.expect_start()
+            self._line.write(grbl_text.RESET)
+            if self._monitor.wait_start(_BOOT / 2):
+                break
+        else:
             raise BoardLostError('the board does not start again after a reset')
         self._monitor.note_lasers({})
         self._monitor.wait_report(_BOOT)

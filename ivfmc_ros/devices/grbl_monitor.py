@@ -49,6 +49,7 @@ class GrblMonitor:
         self._follower = Follower()
         self._state = ''
         self._announced: Motion | None = None
+        self._known = False  # the position was reported since the port was opened
         self._landing: float | None = None  # board units where the last motion should have ended
         self._reported, self._reported_ns = 0.0, 0
         self._offset = 0.0
@@ -134,7 +135,10 @@ class GrblMonitor:
             now = time.monotonic()
             expected = now < self._start_expected_until
             self._start_expected_until = min(self._start_expected_until, now + _ECHO)
-            self._started, self._heard, self._landing = True, now, None
+            self._started, self._heard = True, now
+            # a reset keeps the position of a table that stands; a new start does not
+            known = self._known and self._follower.standing
+            self._landing = self._follower.target if known else None
             self._stand(self._follower.at(now)[0])
             self.note_lasers({})
             if not expected:
@@ -145,7 +149,7 @@ class GrblMonitor:
     def alarmed(self, alarm: str) -> None:
         """The board raised an alarm, which has turned its outputs off."""
         with self._news:
-            self.alarm, self.locked = alarm, True
+            self.alarm, self.locked, self._state = alarm, True, 'Alarm'
             self._stand(self._follower.at(time.monotonic())[0])
             self.note_lasers({})
             self._news.notify_all()
@@ -165,7 +169,7 @@ class GrblMonitor:
             self._started, self.lost, self.locked = False, False, False
             self.alarm = None
             self.settings.clear()
-            self._state = ''
+            self._state, self._known = '', False
             self.expect_start()
 
     def expect_start(self) -> None:
@@ -271,7 +275,7 @@ class GrblMonitor:
         units = self._position(report)
         if units is None:
             return
-        self._state = report.state
+        self._state, self._known = report.state, True
         units = self._units.unwrap(units, self._follower.at(time.monotonic())[0])
         self._reported, self._reported_ns = units, time.time_ns()
         self._follow(report, units, (self._asked + max(began, self._asked)) / 2)
@@ -307,7 +311,7 @@ class GrblMonitor:
             if late and not self._follower.standing and not self._waiting:
                 self._landing = self._follower.target
             if self._landing is not None and abs(units - self._landing) > _TOLERANCE:
-                self.alarm = self.alarm or 'MISSED_TARGET'
+                self.alarm = self.alarm or POSITION_LOST
             self._landing = None
             self._stand(units)
             self._held = True

@@ -13,6 +13,7 @@ from ivfmc_ros.devices.board import BoardState
 from ivfmc_ros.devices.board import MotionBoard
 from ivfmc_ros.errors import DeviceError
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.errors import StoppedError
 
 _LOOK = 0.02  # seconds from look to look of the guard
 _RETRY = 2.0  # seconds from one attempt to connect, or to switch, to the next
@@ -213,6 +214,8 @@ class TurntableDriver:
             try:
                 self._board.set_laser(wanted)
                 self.trouble = ''
+            except StoppedError:
+                pass  # which has turned all off
             except DeviceError as error:
                 self.trouble = str(error)
                 # what went wrong once, and left the laser on, must not go wrong again

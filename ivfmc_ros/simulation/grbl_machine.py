@@ -212,8 +212,9 @@ class GrblMachine:
     def _run(self, block: Block) -> None:
         self._modes.take(block)
         codes = dict(block.codes)
-        if 'end' in codes:
+        if codes.get('end') in ('M2', 'M30'):
             codes.update(spindle='M5', coolant='M9')
+            self._say('[MSG:Pgm End]\r\n')
         if codes.get('dwell') == 'G4':
             self._waits = self._dwell(block.values['P'])
             return
@@ -253,11 +254,12 @@ class GrblMachine:
         elif command in self._texts:
             self._say(self._texts[command]())
         else:
-            raise LineError(3)
+            raise LineError(3 if command[:1].isdecimal() else 2)
 
     @property
     def _texts(self) -> dict[str, Callable[[], str]]:
         return {
+            '': self._report.help,
             '$': lambda: self._report.settings(self.settings),
             'I': lambda: '[VER:1.1h.20190830:]\r\n[OPT:V,15,128]\r\n',
             'G': self._modes.text,

@@ -47,8 +47,6 @@ class Modes:
             raise LineError(grbl_words.MISSING)
         if block.moves and motion == 'G1' and not (values.get('F') or self.feed):
             raise LineError(grbl_words.NO_FEED)
-        if codes.get('dwell') == 'G53' and not block.moves:
-            raise LineError(grbl_words.NO_AXIS)
         self.motion = motion
         self.distance = codes.get('distance', self.distance)
         self.feed = values.get('F', self.feed)

@@ -61,3 +61,9 @@ class Reporter:
             f'${number}={value:.0f}\r\n' if number in _WHOLE else f'${number}={value:.3f}\r\n'
             for number, value in sorted(values.items())
         )
+
+    @staticmethod
+    def help() -> str:
+        """Return the answer to ``$``, without its ok."""
+        commands = '$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x'
+        return f'[HLP:{commands}]\r\n'

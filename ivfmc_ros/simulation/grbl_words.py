@@ -18,7 +18,7 @@ _GROUPS = {
     'feed': ('G94',),
     'units': ('G21',),
     'work': ('G54',),
-    'end': ('M2', 'M30'),
+    'end': ('M0', 'M1', 'M2', 'M30'),
     'spindle': ('M3', 'M4', 'M5'),
     'coolant': ('M8', 'M9'),
 }
@@ -26,9 +26,8 @@ _GROUP_OF = {code: group for group, codes in _GROUPS.items() for code in codes}
 _VALUES = 'FNPSTXYZ'
 
 BAD_LETTER, BAD_NUMBER, NEGATIVE = 1, 2, 4
-UNSUPPORTED, TWICE_IN_GROUP, NO_FEED, NOT_WHOLE, REPEATED = 20, 21, 22, 23, 25
-NO_AXIS, MISSING = 26, 28
-G53_NEEDS_MOTION = 30
+UNSUPPORTED, TWICE_IN_GROUP, NO_FEED, NOT_WHOLE, TWO_MOTIONS, REPEATED = 20, 21, 22, 23, 24, 25
+MISSING = 28
 
 
 class LineError(Exception):
@@ -84,7 +83,7 @@ def _take(letter: str, value: float, codes: dict[str, str], values: dict[str, fl
         if group is None:
             raise LineError(UNSUPPORTED)
         if group in codes:
-            raise LineError(TWICE_IN_GROUP)
+            raise LineError(TWO_MOTIONS if group == 'motion' else TWICE_IN_GROUP)
         codes[group] = code
         return
     if letter not in _VALUES:
