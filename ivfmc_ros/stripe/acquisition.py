@@ -28,6 +28,10 @@ from ivfmc_ros.stripe.extract import Stripe
 from ivfmc_ros.stripe.region import stripe_mask
 from ivfmc_ros.stripe.triangulate import triangulate
 
+# At most this share of a scan's stripe is cut by edges, and to less than so much of its width.
+_NARROW = 0.1
+_NARROWER = 0.8
+
 
 @dataclass(frozen=True, kw_only=True)
 class AcquisitionSettings:
@@ -88,22 +92,25 @@ class Acquisition:
         """
         Decide by some pictures what the settings leave open.
 
-        These are the colours that measure the stripe, and how wide it usually is.
+        These are the colours that measure the stripe, and how narrow it can be.
         """
         frames = list(frames)
         extraction = self.settings.extract
         if extraction.channel == 'auto':
             chosen = channel.unclipped_channel(self._masked(frame) for frame in frames)
             extraction = replace(extraction, channel=chosen)
-        if extraction.expected_width is None:
-            extraction = replace(extraction, expected_width=self._usual_width(frames, extraction))
+        if extraction.least_width is None:
+            extraction = replace(extraction, least_width=self._least_width(frames, extraction))
         self.settings = replace(self.settings, extract=extraction)
 
-    def _usual_width(self, frames: Sequence[Frame], settings: ExtractSettings) -> float | None:
+    def _least_width(self, frames: Sequence[Frame], settings: ExtractSettings) -> float | None:
         widths = np.concatenate(
             [np.zeros(0), *(self._extract(frame, settings).width for frame in frames)]
         )
-        return float(np.median(widths).clip(0.3, 50.0)) if len(widths) else None
+        if not len(widths):
+            return None
+        narrow = np.quantile(widths, _NARROW)
+        return float(np.clip(_NARROWER * narrow, 0.1, 50.0))
 
     def _extract(self, frame: Frame, settings: ExtractSettings) -> Stripe:
         direction = self.cell.lasers[frame.laser].stripe

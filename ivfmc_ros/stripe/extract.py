@@ -9,6 +9,7 @@ the stripe decides, and the place of the chosen one is estimated from the pixels
 
 from collections.abc import Iterator
 from dataclasses import fields
+from dataclasses import replace
 from typing import cast
 
 import cv2
@@ -40,6 +41,8 @@ _LOOK = 4.0
 _LOOK_AGAIN = 7.0
 # Rows whose stripe is wider than this many medians are measured apart, in a wider patch.
 _USUAL = 1.4
+# A rough width of more than so many of its neighbours' is not believed.
+_MERGED = 1.5
 # What is left of a row without its stripe must be less than this share of the stripe.
 _LIKE_A_STRIPE = 3.0
 # So many sigmas of a stripe, left and right, must be on the picture.
@@ -82,7 +85,7 @@ def _extract_rows(grey: Image, settings: ExtractSettings, mask: Bools | None) ->
     rows, u, estimate = _estimates(grey, settings, mask)
     sigma = estimate.sigma
     if settings.doubt:
-        sigma = np.hypot(sigma, trust.doubt(rows, u, estimate, settings.expected_width))
+        sigma = np.hypot(sigma, trust.doubt(rows, u, estimate, settings.least_width))
     if settings.along and len(rows):
         u, sigma = along.smooth(rows, u, sigma, settings.along)
     found = Stripe(
@@ -147,12 +150,18 @@ def stripe_patches(
     candidates = peaks.find(grey, scale, search, mask)
     index = path.choose(candidates) if settings.path else path.brightest(candidates)
     rows = np.flatnonzero(index >= 0)
-    chosen = candidates[rows, index[rows]]
+    chosen = _steadied(candidates[rows, index[rows]])
     limits = _valleys(candidates[rows], chosen)
     for part in _by_width(chosen.width, settings.max_widening):
         within = None if limits is None else limits[part]
         cut = Patches.cut(grey, scale, rows[part], chosen[part], settings.window, within)
         yield rows[part], cut
+
+
+def _steadied(chosen: peaks.Peaks) -> peaks.Peaks:
+    """Return peaks none of which is much wider than those around: it has merged with a ghost."""
+    usual = trust.usual_width(chosen.width)
+    return replace(chosen, width=np.minimum(chosen.width, _MERGED * usual))
 
 
 def _valleys(candidates: peaks.Peaks, chosen: peaks.Peaks) -> Floats | None:

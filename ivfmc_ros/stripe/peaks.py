@@ -30,6 +30,8 @@ FWHM_PER_SIGMA = 2.0 * np.sqrt(2.0 * np.log(2.0))
 _STEPS = np.array([0, 1, 2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64, 85, 113, 150])
 # Beyond so many sigmas of a peak another one may begin.
 _BLANK = 3.0
+# What is wider than so many of the widest stripe's sigmas, to each side, is glow.
+_GLOW = 2.0
 # A second peak below this share of the first is part of the first one's surroundings.
 _RIVAL = 0.1
 # Picture noise is estimated from every so many rows and columns.
@@ -46,6 +48,7 @@ class Peaks:
     width : float32, sigma in pixels; NaN where there is no peak
     height : float32, above the higher of its two sides
     level : float32, of its lower side
+    top : float32, brightness
     """
 
     column: Ints
@@ -53,6 +56,7 @@ class Peaks:
     width: Singles
     height: Singles
     level: Singles
+    top: Singles
 
     @property
     def found(self) -> Bools:
@@ -60,10 +64,11 @@ class Peaks:
         return np.isfinite(self.width)
 
     def __getitem__(self, chosen: Any) -> 'Peaks':
-        return Peaks(*(array[chosen] for array in self._arrays()))
+        return Peaks(*(array[chosen] for array in self.arrays()))
 
-    def _arrays(self) -> tuple[NDArray[np.generic], ...]:
-        return self.column, self.middle, self.width, self.height, self.level
+    def arrays(self) -> tuple[NDArray[Any], ...]:
+        """Return all there is, in order."""
+        return self.column, self.middle, self.width, self.height, self.level, self.top
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,8 +123,14 @@ def find(grey: Image, scale: float, search: Search, mask: Bools | None) -> Peaks
     height = len(grey)
     rows = np.arange(height)
     first = _measure(smooth, scale, search, rows, left.argmax(axis=1))
+    glowing = _glowing(smooth, scale, search, first)
+    if len(glowing):
+        left[glowing] = _without_glow(left[glowing], search)
+        again = _measure(smooth, scale, search, glowing, left[glowing].argmax(axis=1))
+        for array, values in zip(first.arrays(), again.arrays(), strict=True):
+            array[glowing] = values
     column = np.zeros((height, CANDIDATES), dtype=np.int64)
-    rest = np.full((4, height, CANDIDATES), np.nan, dtype=np.float32)
+    rest = np.full((5, height, CANDIDATES), np.nan, dtype=np.float32)
     _store(column, rest, 0, rows, first)
     strongest = np.where(first.found, first.height, 0.0)
     last = first
@@ -138,9 +149,26 @@ def find(grey: Image, scale: float, search: Search, mask: Bools | None) -> Peaks
     return Peaks(column, *rest)
 
 
+def _glowing(smooth: Image, scale: float, search: Search, first: Peaks) -> Ints:
+    """Return rows that are bright over more than a stripe, whose texture would hide a stripe."""
+    few = smooth[:, ::_EVERY]
+    dark = float(np.median(few[::_EVERY]))
+    half = np.asarray(0.5 * (first.top / scale + dark), dtype=smooth.dtype)
+    wide = np.count_nonzero(np.greater(few, half[:, None]), axis=1)
+    lit = first.top - scale * dark >= 2.0 * search.rival
+    return np.flatnonzero(lit & (wide * _EVERY > 2.0 * _GLOW * search.max_sigma))
+
+
+def _without_glow(smooth: Image, search: Search) -> Image:
+    """Return rows without what is wider than a stripe, in which many peaks would be found."""
+    size = 2 * int(_GLOW * search.max_sigma) + 1
+    ground = cv2.morphologyEx(smooth, cv2.MORPH_OPEN, np.ones((1, size), dtype=np.uint8))
+    return cast(Image, cv2.subtract(smooth, ground))
+
+
 def _store(column: Ints, rest: Singles, k: int, rows: Ints, peaks: Peaks) -> None:
     column[rows, k] = peaks.column
-    for array, values in zip(rest, peaks._arrays()[1:], strict=True):
+    for array, values in zip(rest, peaks.arrays()[1:], strict=True):
         array[rows, k] = values
 
 
@@ -171,7 +199,7 @@ def _measure(smooth: Image, scale: float, search: Search, rows: Ints, columns: I
     with np.errstate(invalid='ignore'):
         width[(height < search.threshold) | (width > search.max_sigma)] = np.nan
     middle = (0.5 * (reach_right - reach_left)).astype(np.float32)
-    return Peaks(columns, middle, width, height, np.minimum(*levels))
+    return Peaks(columns, middle, width, height, np.minimum(*levels), top)
 
 
 def _side(smooth: Image, scale: float, rows: Ints, columns: Ints, steps: Ints) -> Singles:

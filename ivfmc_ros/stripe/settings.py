@@ -27,8 +27,8 @@ class ExtractSettings:
     smoothing : width in pixels of the box that finds the peak; odd
     path : search one path along the stripe where rows have several peaks
     doubt : let sigma grow where the profile is not a stripe's
-    expected_width : sigma in pixels of the laser's stripe on most surfaces, to tell one that an
-        edge has cut; None: from the first pictures of a scan, or from the picture
+    least_width : sigma in pixels below which an edge has cut the stripe; None: told by the first
+        pictures of a scan, and nothing in a single one
     along : rows (sigma of a Gaussian) over which places are smoothed along the stripe; 0 for none
     noise : of the pixels, gives weights and sigmas; None: estimated from the first pictures of
         a scan, and for a single picture that of the bench cell
@@ -45,7 +45,7 @@ class ExtractSettings:
     smoothing: int = 5
     path: bool = True
     doubt: bool = True
-    expected_width: float | None = None
+    least_width: float | None = None
     along: float = 0.0
     noise: Noise | None = None
 
@@ -62,9 +62,9 @@ class ExtractSettings:
         widening = 1.0 < self.max_widening <= 50.0
         _require('max_widening', self.max_widening, widening, 'above 1, to 50')
         _require('along', self.along, 0.0 <= self.along <= 50.0, '0 to 50 rows')
-        width = self.expected_width
+        width = self.least_width
         if width is not None:
-            _require('expected_width', width, 0.3 <= width <= 50.0, '0.3 to 50 pixels')
+            _require('least_width', width, 0.1 <= width <= 50.0, '0.1 to 50 pixels')
         odd = self.smoothing % 2 == 1 and 1 <= self.smoothing <= 31
         _require('smoothing', self.smoothing, odd, 'odd, 1 to 31')
 

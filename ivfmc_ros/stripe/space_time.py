@@ -109,7 +109,7 @@ def _patches(traces: Singles, shown: Bools, steps: Ints) -> Patches:
     column = np.zeros(len(traces), dtype=np.int64)
     used = (shown & (traces < FULL)).astype(np.float32)
     middle = steps[peak].astype(np.float32)
-    rough = Peaks(column, middle, np.clip(width, 0.5, len(steps)), height, level)
+    rough = Peaks(column, middle, np.clip(width, 0.5, len(steps)), height, level, level + height)
     return Patches(steps.astype(np.float32), column, traces, used, rough)
 
 

@@ -9,12 +9,17 @@ wider than the same stripe a few rows away. Speckle hides this in a single row, 
 width are averaged along the stripe, in which edges go on and speckle does not.
 """
 
+from typing import TypeVar
+
 import numpy as np
 from scipy.ndimage import median_filter
 
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
+from ivfmc_ros.model import Singles
 from ivfmc_ros.stripe.patches import Estimate
+
+Widths = TypeVar('Widths', Floats, Singles)
 
 # Stripes are one piece as long as they move by less than so many pixels a row.
 _SLOPE = 4.0
@@ -28,8 +33,7 @@ _EVERY = 4
 _BY_SKEW = 5.0
 _BY_MISFIT = 0.12
 _BY_WIDTH = 1.7
-# No surface makes a stripe narrower than this share of what it is on most of them.
-_NARROWEST = 0.55
+# The same for a stripe that is narrower than any surface makes it.
 _BY_NARROW = 5.0
 # Certainty: lean and width count as far as they exceed so many of their own sigmas.
 _CERTAIN = 2.0
@@ -37,12 +41,12 @@ _CERTAIN = 2.0
 _BEND = 0.06
 
 
-def doubt(rows: Ints, u: Floats, estimate: Estimate, expected: float | None) -> Floats:
+def doubt(rows: Ints, u: Floats, estimate: Estimate, least: float | None) -> Floats:
     """
     Return by how many pixels each place can be off beyond its noise, (n,) float64.
 
     rows : (n,) ascending; u : (n,) columns of the stripe
-    expected : sigma of the laser's stripe on most surfaces, pixels; None: as in most rows
+    least : sigma in pixels of the laser's narrowest whole stripe; None: not known
     """
     if not len(rows):
         return np.zeros(0)
@@ -51,12 +55,12 @@ def doubt(rows: Ints, u: Floats, estimate: Estimate, expected: float | None) -> 
     skew = _mean(estimate.skew, first, after)
     skew_sigma = np.sqrt(_mean(estimate.skew_sigma**2, first, after) / count)
     lean = np.maximum(np.abs(skew) - _CERTAIN * skew_sigma, 0.0)
-    usual = _usual(estimate.width)
+    usual = usual_width(estimate.width)
     # the width is about as uncertain as the place
     width_sigma = np.sqrt(_mean(estimate.sigma**2, first, after) / count) / usual
     width = _mean(estimate.width, first, after)
     change = np.abs(width / usual - 1.0) - _BEND - _CERTAIN * width_sigma
-    least = _NARROWEST * (np.median(estimate.width) if expected is None else expected)
+    least = least or 1e-3
     scale = np.maximum(np.maximum(estimate.width, usual), least)
     misfit = np.sqrt(np.maximum(estimate.misfit**2 - 1.0, 0.0))
     parts = (
@@ -68,11 +72,13 @@ def doubt(rows: Ints, u: Floats, estimate: Estimate, expected: float | None) -> 
     return np.asarray(scale * np.sqrt(sum(part**2 for part in parts)))
 
 
-def _usual(width: Floats) -> Floats:
+def usual_width(width: Widths) -> Widths:
     """Return the median width over the rows around each, told from every fourth row."""
+    if not len(width):
+        return width
     few = width[::_EVERY]
     medians = median_filter(few, size=min(2 * (_USUAL // _EVERY) + 1, len(few)), mode='nearest')
-    return np.repeat(medians, _EVERY)[: len(width)]
+    return np.asarray(np.repeat(medians, _EVERY)[: len(width)])
 
 
 def _neighbours(rows: Ints, u: Floats) -> tuple[Ints, Ints]:
