@@ -176,11 +176,10 @@ def _rebuilt(
         counts.update(found)
     with watch.stage('registration'):
         progress('registration', 0, 1)
-        poses, verdicts = align(views, settings.registration)
+        poses, verdicts = poses_of(cell, views, settings)
     with watch.stage('meshing'):
         progress('meshing', 0, 1)
-        max_edge = settings.max_edge or usual_edge(views, settings)
-        mesh = join_views(cell, views, poses, max_edge)
+        mesh, max_edge = mesh_of(cell, views, poses, settings)
     counts.update(views=len(views), vertices=len(mesh.vertices_xyz), faces=len(mesh.faces))
     progress('done', 1, 1)
     return Reconstruction(
@@ -224,6 +223,26 @@ def _measured(
     with watch.stage('acquisition'):
         measured = stream.flush()
     yield from measured
+
+
+def poses_of(
+    cell: Cell, views: Sequence[View], settings: Settings
+) -> tuple[Poses, list[Verdict]]:
+    """Find where each view belongs, and how sure that is."""
+    return align(views, settings.registration)
+
+
+def mesh_of(
+    cell: Cell, views: Sequence[View], poses: Poses, settings: Settings
+) -> tuple[Mesh, float]:
+    """
+    Make one mesh of all views.
+
+    returns : the mesh, and the longest edge of a triangle between neighbours, metres
+    :raises GeometryError: the points make no surface
+    """
+    max_edge = settings.max_edge or usual_edge(views, settings)
+    return join_views(cell, views, poses, max_edge), max_edge
 
 
 class _Samples:
