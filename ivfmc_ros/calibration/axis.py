@@ -100,7 +100,7 @@ class Axis:
     def platter_points(self, sightings: Sightings) -> Floats:
         """Return (n, 3) metres: where the seen corners are in the frame ``turntable``."""
         if self.free:
-            points = self.layout[4 * sightings.group + sightings.corner].copy()
+            points: Floats = self.layout[4 * sightings.group + sightings.corner].copy()
         else:
             points = _placed(self.layout[sightings.group], self.scale * sightings.local_xyz)
         points[:, 2] += points[:, :2] @ self.tilt

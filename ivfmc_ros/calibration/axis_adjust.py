@@ -78,15 +78,23 @@ class Adjusted:
 
 
 def adjust_axis(
-    start: Axis, sightings: Sightings, focal: Floats, free: FreeAxis, heights: Heights
+    start: Axis,
+    sightings: Sightings,
+    focal: Floats,
+    free: FreeAxis,
+    heights: Heights,
+    inflation: float = 1.0,
 ) -> Adjusted:
     """
     Minimise robustly the distances of corners and stripe points (Levenberg-Marquardt, Huber).
 
     focal : (2,) pixel
+    inflation : of the corners' sigma, for errors that are alike in one picture and the next
     """
     size = _FIRST_GROUP + start.layout.size
-    problem = _Problem(sightings, focal, heights, free.side, _free_columns(start, free), size)
+    problem = _Problem(
+        sightings, focal, heights, free.side, _free_columns(start, free), size, inflation
+    )
     axis, system, damping = start, problem.linearise(start), 1e-4
     for _ in range(_MAX_STEPS):
         trial = _moved(axis, *problem.step(system, damping))
@@ -102,6 +110,28 @@ def adjust_axis(
         if gain <= _CONVERGED * cost:
             break
     return problem.result(axis, system)
+
+
+def likeness(sightings: Sightings, residuals: Floats) -> float:
+    """
+    Return by how much errors that repeat from picture to picture inflate the sigma of a mean.
+
+    A lens that is not quite known moves a corner alike in one picture and the next. Of errors
+    with correlation r from one to the next, n tell as much as n (1 - r) / (1 + r) independent
+    ones (Bartlett 1935).
+
+    residuals : (n, 2) pixel
+    returns : 1 or more
+    """
+    track = sightings.group * (1 + int(sightings.corner.max())) + sightings.corner
+    order = np.lexsort([sightings.picture, track])
+    same = np.diff(track[order]) == 0
+    ordered = residuals[order]
+    limit = 3.0 * float(np.median(np.abs(ordered))) / 0.6745
+    ordered = np.clip(ordered, -limit, limit)
+    products = (ordered[1:] * ordered[:-1])[same]
+    r = float(np.clip(products.sum() / max((ordered**2)[1:][same].sum(), 1e-300), 0.0, 0.98))
+    return float(np.sqrt((1 + r) / (1 - r)))
 
 
 def _free_columns(start: Axis, free: FreeAxis) -> Ints:
@@ -152,6 +182,7 @@ class _Problem:
     side: float | None
     columns: Ints
     size: int
+    inflation: float
 
     def residuals(self, axis: Axis) -> tuple[Floats, Floats]:
         """Return (n, 2) pixels, and (m,) lengths over their sigmas."""
@@ -170,7 +201,8 @@ class _Problem:
         off = np.linalg.norm(pixels, axis=1)
         # the median distance of normal noise in two dimensions is 1.1774 sigma
         sigma = max(float(np.median(off)) / 1.1774, 1e-4)
-        weights = np.minimum(1.0, _HUBER * 1.4142 * sigma / np.maximum(off, 1e-12)) / sigma**2
+        weights = np.minimum(1.0, _HUBER * 1.4142 * sigma / np.maximum(off, 1e-12))
+        weights /= (self.inflation * sigma) ** 2
         J_pixels, J_lengths, J_angles = self._derivatives(axis)
         w = np.minimum(1.0, _HUBER / np.maximum(np.abs(lengths), 1e-12))
         W = np.repeat(weights, 2)

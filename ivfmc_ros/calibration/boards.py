@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Image
 from ivfmc_ros.model import Ints
@@ -22,6 +23,8 @@ FORMS = "'chessboard:8x6:40mm' (inner corners) or 'charuco:10x7:12mm:9mm:DICT_4X
 
 _LENGTH = re.compile(r'([0-9]*\.?[0-9]+)(mm|m)')
 _GRID = re.compile(r'([0-9]+)x([0-9]+)')
+# Percentile of the pixels that is as bright as paper where a stripe is brighter.
+_WHITE = 95.0
 _UNITS = {'mm': 1e-3, 'm': 1.0}
 
 
@@ -39,6 +42,10 @@ class Corners:
 
     def __len__(self) -> int:
         return len(self.ids)
+
+    def chosen(self, keep: Bools) -> 'Corners':
+        """Return only the chosen corners, (n,) bool."""
+        return Corners(ids=self.ids[keep], uv=self.uv[keep])
 
 
 @dataclass(frozen=True)
@@ -154,7 +161,7 @@ def marker_dictionary(name: str) -> Any:
     return cv2.aruco.getPredefinedDictionary(number)
 
 
-def find_corners(board: Board, image: Image) -> Corners | None:
+def find_corners(board: Board, image: Image, *, lit: bool = False) -> Corners | None:
     """
     Find the corners of ``board`` in a picture, to a fraction of a pixel.
 
@@ -162,9 +169,14 @@ def find_corners(board: Board, image: Image) -> Corners | None:
     charuco board the corners that are seen, at least four.
 
     image : (height, width) or (height, width, 3) BGR
+    lit : whether a stripe is on the board, brighter than its paper
     """
     gray = to_gray(image)
-    return _find_charuco(board, gray) if board.kind == 'charuco' else _find_chess(board, gray)
+    pictures = [gray, _without_highlights(gray)]
+    find = _find_charuco if board.kind == 'charuco' else _find_chess
+    first, second = reversed(pictures) if lit else pictures
+    corners = find(board, first, True)
+    return corners if corners is not None else find(board, second, False)
 
 
 def to_gray(image: Image) -> NDArray[np.uint8]:
@@ -176,15 +188,22 @@ def to_gray(image: Image) -> NDArray[np.uint8]:
     return np.asarray(image, dtype=np.uint8)
 
 
-def _find_chess(board: Board, gray: NDArray[np.uint8]) -> Corners | None:
-    flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
-    found, uv = cv2.findChessboardCornersSB(gray, (board.columns, board.rows), flags=flags)
-    if not found:
+def _find_chess(board: Board, gray: NDArray[np.uint8], thorough: bool) -> Corners | None:
+    flags = cv2.CALIB_CB_ACCURACY | (cv2.CALIB_CB_EXHAUSTIVE if thorough else 0)
+    found = cv2.findChessboardCornersSB(gray, (board.columns, board.rows), flags=flags)
+    if not found[0]:
         return None
+    uv = found[1]
     return Corners(ids=np.arange(len(uv)), uv=np.asarray(uv, dtype=np.float64).reshape(-1, 2))
 
 
-def _find_charuco(board: Board, gray: NDArray[np.uint8]) -> Corners | None:
+def _without_highlights(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return a picture stretched to its white, so that a stripe is no brighter than the paper."""
+    white = max(float(np.percentile(gray, _WHITE)), 1.0)
+    return np.asarray(np.minimum(gray * (255.0 / white), 255.0), dtype=np.uint8)
+
+
+def _find_charuco(board: Board, gray: NDArray[np.uint8], _: bool) -> Corners | None:
     uv, ids, _, _ = cv2.aruco.CharucoDetector(board.charuco()).detectBoard(gray)
     if ids is None or len(ids) < 4:
         return None

@@ -73,11 +73,13 @@ class Free:
     What an adjustment may change besides the poses.
 
     square : keep fx = fy; what of a print is longer one way is then the board's stretch
+    held : indices of intrinsics that stay what they are
     stretch, bend : of the board
     """
 
     intrinsics: bool = True
     square: bool = True
+    held: tuple[int, ...] = ()
     stretch: bool = False
     bend: bool = False
 
@@ -88,6 +90,7 @@ class Free:
         keep[:intrinsics] = self.intrinsics
         if self.intrinsics and self.square:
             free[1, 0], keep[1] = 1.0, False
+        keep[list(self.held)] = False
         keep[intrinsics:] = [self.bend] * 3 + [self.stretch]
         return free[:, keep]
 

@@ -29,6 +29,8 @@ from ivfmc_ros.model import Floats
 MIN_VIEWS = 6
 # A view is bad if its rms is more than this many times the median of all.
 _BAD_VIEW = 2.0
+# and more than this, pixels: a strongly tilted board is seen less sharply, and tells the most.
+_GOOD_ENOUGH = 0.08
 _MIN_TILT_DEG = 10.0
 _MAX_FOCAL_STD = 0.01
 # The bend of a board counts if it is certain (chi2, 3 degrees of freedom) and not negligible.
@@ -37,6 +39,9 @@ _BEND_SHARE = 5e-4
 _BEND_MIN_VIEWS = 10
 _STRETCH = 5e-4
 _COVERAGE_GRID = 8
+# Indices of p1, p2 and of k3, and the chi2 below which they are noise (3 sigma).
+_OPTIONAL = ((6, 7), (8,))
+_CHI2 = {1: 9.0, 2: 11.8}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -87,6 +92,7 @@ def calibrate_camera(
         raise CalibrationError(f'model: {model!r} is not one of plumb_bob, rational_polynomial')
     free = Free(square=square, stretch=square, bend=bend)
     used, bundle = _without_bad(board, views, model, free, where)
+    bundle = _simplest(board, [view.corners for view in used], bundle, free)
     _require_determined(bundle, where)
     camera = _camera(bundle, views.size, model, where)
     std = np.sqrt(np.diag(bundle.covariance)[: len(bundle.intrinsics)])
@@ -128,9 +134,28 @@ def _without_bad(
         bundle = replace(bundle, poses=bundle.poses[good], residuals=())
 
 
+def _simplest(board: Board, corners: Sequence[Corners], bundle: Bundle, free: Free) -> Bundle:
+    """
+    Set distortion coefficients to zero that the pictures do not ask for (Wald tests).
+
+    A tangential distortion of nothing but noise moves the principal point by a pixel.
+    """
+    held: tuple[int, ...] = ()
+    for group in _OPTIONAL:
+        index = list(group)
+        values, covariance = bundle.intrinsics[index], bundle.covariance[np.ix_(index, index)]
+        if values @ np.linalg.lstsq(covariance, values, rcond=None)[0] < _CHI2[len(index)]:
+            held += group
+            intrinsics = bundle.intrinsics.copy()
+            intrinsics[index] = 0.0
+            start = replace(bundle, intrinsics=intrinsics)
+            bundle = adjust_with_bend(board, corners, start, replace(free, held=held))
+    return bundle
+
+
 def good_views(view_rms: Floats) -> Bools:
     """Tell which views do not stand out, (views,) bool."""
-    return np.asarray(view_rms <= _BAD_VIEW * np.median(view_rms))
+    return np.asarray(view_rms <= max(_BAD_VIEW * float(np.median(view_rms)), _GOOD_ENOUGH))
 
 
 def adjust_with_bend(

@@ -4,6 +4,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -16,9 +17,14 @@ from ivfmc_ros.calibration.bundle import Free
 from ivfmc_ros.calibration.bundle import pose_covariances
 from ivfmc_ros.calibration.camera import adjust_with_bend
 from ivfmc_ros.calibration.camera import good_views
+from ivfmc_ros.calibration.views import MIN_CORNERS
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
+
+# A corner is left out if it is this many medians off, and this many pixels.
+_DISTURBED = 2.5
+_GOOD_ENOUGH = 0.08
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -78,12 +84,21 @@ def place_boards(
     )
     free = Free(intrinsics=False, stretch=bend, bend=bend)
     bundle = adjust_with_bend(board, views, start, free)
+    views = [_undisturbed(view, r) for view, r in zip(views, bundle.residuals, strict=True)]
+    bundle = adjust_with_bend(board, views, replace(bundle, residuals=()), free)
     covariances = pose_covariances(board, views, bundle)
     placed = [
         Placed(pose=pose, covariance=covariance, bend=bundle.bend, rms=float(rms))
         for pose, covariance, rms in zip(bundle.poses, covariances, bundle.view_rms, strict=True)
     ]
     return placed, good_views(bundle.view_rms)
+
+
+def _undisturbed(view: Corners, residuals: Floats) -> Corners:
+    """Leave out corners that are off: the stripe moves those that it crosses."""
+    off = np.linalg.norm(residuals, axis=1)
+    keep = off <= max(_DISTURBED * float(np.median(off)), _GOOD_ENOUGH)
+    return view.chosen(keep) if keep.sum() >= MIN_CORNERS else view
 
 
 def _first_pose(board: Board, view: Corners, camera: Camera) -> Floats:

@@ -21,18 +21,13 @@ from ivfmc_ros.calibration.turntable import TurntableCalibration
 Document = dict[str, Any]
 
 
-def report_path(path: Path) -> Path:
-    """Return where the report of the calibration file ``path`` goes."""
-    return path.with_suffix('.report.json')
-
-
 def write_report(path: Path, document: Mapping[str, Any]) -> None:
     """
-    Write a report beside the calibration file ``path``.
+    Write a report.
 
     :raises FileError: it cannot be written
     """
-    files.write_text(report_path(path), json.dumps(document, indent=2) + '\n')
+    files.write_text(path, json.dumps(document, indent=2) + '\n')
 
 
 def camera_report(made: CameraCalibration) -> Document:

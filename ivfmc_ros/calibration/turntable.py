@@ -14,6 +14,7 @@ from ivfmc_ros.calibration.axis import Sightings
 from ivfmc_ros.calibration.axis_adjust import adjust_axis
 from ivfmc_ros.calibration.axis_adjust import Adjusted
 from ivfmc_ros.calibration.axis_adjust import FreeAxis
+from ivfmc_ros.calibration.axis_adjust import likeness
 from ivfmc_ros.calibration.axis_start import start_axis
 from ivfmc_ros.calibration.markers import Markers
 from ivfmc_ros.calibration.platter import PlatterStripes
@@ -170,7 +171,9 @@ def _adjust(
     first = adjust_axis(start, views.sightings, focal, free, heights)
     kept = np.linalg.norm(first.residuals, axis=1) <= _OUTLIER * first.sigma
     kept |= _last_of_picture(views.sightings, kept)
-    adjusted = adjust_axis(first.axis, views.sightings.chosen(kept), focal, free, heights)
+    chosen = views.sightings.chosen(kept)
+    inflation = likeness(chosen, first.residuals[kept])
+    adjusted = adjust_axis(first.axis, chosen, focal, free, heights, inflation)
     shifted = adjusted.axis.angles - adjusted.axis.angles[0]
     return replace(adjusted, axis=_from_first(adjusted.axis, shifted)), kept
 

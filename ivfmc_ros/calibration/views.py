@@ -66,18 +66,21 @@ def find_views(
     pictures: Sequence[Path],
     size: tuple[int, int] | None = None,
     progress: Progress = silent,
+    *,
+    lit: bool = False,
 ) -> Views:
     """
     Look for ``board`` in pictures.
 
     size : (width, height) that every picture must have; None for that of the first
+    lit : whether a stripe is on the board
     :raises FileError: a picture cannot be read or has another size
     :raises CalibrationError: no picture shows the board
     """
     size = size or picture_size(pictures[0])
 
     def look(path: Path) -> Corners | None:
-        corners = find_corners(board, read_sized(path, size))
+        corners = find_corners(board, read_sized(path, size), lit=lit)
         return corners if corners is not None and _determines_pose(board, corners) else None
 
     seen = for_each_picture(look, pictures, 'board', progress)

@@ -68,10 +68,11 @@ def camera(
     with progress_bars() as progress:
         views = find_views(board, pictures, progress=progress)
     made = calibrate_camera(board, views, model, bend=bend, square=square, where=place)
-    draw_camera(options.picture_path(output), made)
-    write_report(output, camera_report(made))
+    files = options.files_of(output)
+    draw_camera(files[1], made)
+    write_report(files[2], camera_report(made))
     save_camera(output, replace(made.camera, name=name))
-    options.say('Camera', _rows(made), made.warnings, output, made.dropped)
+    options.say('Camera', _rows(made), made.warnings, files, made.dropped)
 
 
 def _rows(made: CameraCalibration) -> list[tuple[str, str]]:

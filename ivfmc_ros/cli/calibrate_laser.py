@@ -87,7 +87,7 @@ def laser(
     if platter is not None and draft.turntable is None:
         raise CellError(f"{cell_file}: turntable: is missing; run 'ivfmc calibrate turntable'")
     with progress_bars() as progress:
-        views = find_views(board, pictures, camera.size, progress)
+        views = find_views(board, pictures, camera.size, progress, lit=True)
         extra = []
         if platter is not None and draft.turntable is not None:
             bare = options.all_pictures([platter])
@@ -101,12 +101,12 @@ def laser(
     warnings = list(made.warnings)
     if draft.turntable is not None:
         warnings += depth_warning(made.laser, draft.turntable)
-    draw_laser(options.picture_path(cell_file.with_stem(f'{cell_file.stem}.{name}')), made)
-    target = cell_file.with_stem(f'{cell_file.stem}.{name}')
-    write_report(target, {**laser_report(made), 'warnings': warnings})
+    files = options.files_of(cell_file, name)
+    draw_laser(files[1], made)
+    write_report(files[2], {**laser_report(made), 'warnings': warnings})
     noted = {**board_document(board, made.bend), 'scale': f'the squares of {board}'}
     save_draft(cell_file, draft.with_laser(made.laser).with_notes(board=noted))
-    options.say(f'Laser {name}', _rows(made), warnings, target, made.dropped)
+    options.say(f'Laser {name}', _rows(made), warnings, files, made.dropped)
 
 
 def _rows(made: LaserCalibration) -> list[tuple[str, str]]:

@@ -103,12 +103,12 @@ def turntable(
         camera, views, first, stripes, thickness=thickness or 0.0, where=place
     )
     warnings = [text for known in draft.lasers for text in depth_warning(known, made.turntable)]
-    path = cell_file.with_stem(f'{cell_file.stem}.turntable')
-    draw_turntable(options.picture_path(path), made, camera)
-    write_report(path, turntable_report(made, warnings))
+    files = options.files_of(cell_file, 'turntable')
+    draw_turntable(files[1], made, camera)
+    write_report(files[2], turntable_report(made, warnings))
     save_draft(cell_file, _noted(draft.with_turntable(made.turntable), made))
     dropped = {p.name: f'{target} not seen' for p in views.without}
-    options.say('Turntable', _rows(made), warnings, path, dropped)
+    options.say('Turntable', _rows(made), warnings, files, dropped)
 
 
 @click.command()

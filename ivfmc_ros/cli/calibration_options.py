@@ -20,7 +20,6 @@ from ivfmc_ros.calibration.boards import parse_length
 from ivfmc_ros.calibration.markers import Markers
 from ivfmc_ros.calibration.markers import parse_markers
 from ivfmc_ros.calibration.report import reasons
-from ivfmc_ros.calibration.report import report_path
 from ivfmc_ros.cell.cell_file import CellDraft
 from ivfmc_ros.cell.cell_file import load_draft
 from ivfmc_ros.errors import FileError
@@ -113,8 +112,8 @@ def say(
     title: str,
     rows: Iterable[tuple[str, str]],
     warnings: Sequence[str],
-    path: Path,
-    dropped: Mapping[str, str] | None = None,
+    files: Sequence[Path],
+    dropped: Mapping[str, str],
 ) -> None:
     """Print a table of results, what to mind, and where the files are."""
     console = Console()
@@ -122,19 +121,23 @@ def say(
     for name, value in rows:
         table.add_row(name, value)
     console.print(table)
-    for reason, names in reasons(dropped or {}).items():
+    for reason, names in reasons(dropped).items():
         more = f' and {len(names) - _LISTED} more' if len(names) > _LISTED else ''
         text = f'not used, {reason}: {", ".join(names[:_LISTED])}{more}'
         console.print(text, soft_wrap=True, highlight=False)
     for warning in warnings:
         console.print(f'[yellow]warning:[/] {warning}', soft_wrap=True, highlight=False)
-    files = f'{path}, {picture_path(path)}, {report_path(path)}'
-    console.print(f'written: {files}', soft_wrap=True, highlight=False)
+    console.print(f'written: {", ".join(map(str, files))}', soft_wrap=True, highlight=False)
 
 
-def picture_path(path: Path) -> Path:
-    """Return where the picture of the calibration file ``path`` goes."""
-    return path.with_suffix('.png')
+def files_of(path: Path, part: str = '') -> tuple[Path, Path, Path]:
+    """
+    Return the files of a calibration: itself, picture, and the name that gives the report's.
+
+    part : of a cell, whose parts have pictures and reports of their own
+    """
+    named = path.with_stem(f'{path.stem}.{part}') if part else path
+    return path, named.with_suffix('.png'), named.with_suffix('.report.json')
 
 
 def millimetres(length: float) -> str:
