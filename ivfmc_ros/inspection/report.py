@@ -12,6 +12,7 @@ import json
 import math
 from pathlib import Path
 from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,7 +20,10 @@ from ivfmc_ros import __version__
 from ivfmc_ros import files
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.model import View
-from ivfmc_ros.registration.align import Verdict
+
+if TYPE_CHECKING:
+    # brings open3d, which takes seconds, to all that writes a report
+    from ivfmc_ros.registration.align import Verdict
 
 
 def write_report(path: Path, document: Mapping[str, Any]) -> None:
@@ -33,7 +37,7 @@ def write_report(path: Path, document: Mapping[str, Any]) -> None:
     files.write_text(path, json.dumps(_plain(whole), indent=2, allow_nan=False) + '\n')
 
 
-def residuals(cell: Cell, views: Sequence[View], verdicts: Sequence[Verdict]) -> dict[str, Any]:
+def residuals(cell: Cell, views: Sequence[View], verdicts: 'Sequence[Verdict]') -> dict[str, Any]:
     """Return what is left over: of the calibration, of the registration, and the claimed sigma."""
     sigma = np.concatenate([view.sigma[view.valid] for view in views])
     return {

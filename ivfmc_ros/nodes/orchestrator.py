@@ -171,9 +171,11 @@ class Orchestrator(CellNode):
         return {name: self.get(name) for name in sorted(self._parameters)}
 
     def _changed(self) -> None:
-        if self._running is not None:
-            self._running.changed()
-        self._tell()
+        running = self._running
+        # the end is told together with the answer
+        if running is not None and running.machine.running:
+            running.changed()
+            self._tell()
 
     def _repeat_status(self) -> None:
         if self._running is not None:
