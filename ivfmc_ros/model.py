@@ -20,6 +20,7 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+Bytes = NDArray[np.uint8]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 
@@ -72,6 +73,7 @@ class Profile:
     uv : (n, 2) float64, pixel (column, row) where the stripe was found
     angle : radians; provisional where the table turned, until its motion is fitted
     speed : of the table as it was reported, radians per second; 0 where it stood
+    colour : (n, 3) uint8, red, green, blue of the surface with the laser off; None: not known
     """
 
     points_xyz: Floats
@@ -84,6 +86,7 @@ class Profile:
     seq: int
     stamp_ns: int
     speed: float = 0.0
+    colour: Bytes | None = None
 
     def __post_init__(self) -> None:
         count = len(self.points_xyz)
@@ -91,6 +94,8 @@ class Profile:
         _require_shape('intensity', self.intensity, (count,))
         _require_shape('sigma', self.sigma, (count,))
         _require_shape('uv', self.uv, (count, 2))
+        if self.colour is not None:
+            _require_shape('colour', self.colour, (count, 3))
 
     def __len__(self) -> int:
         return len(self.points_xyz)
@@ -117,6 +122,7 @@ class View:
     uv : (rows, columns, 2) float64, pixel; NaN where nothing is
     angles : (columns,) float64, radians, ascending
     seqs : (columns,) int64, the profile that became this column
+    colour : (rows, columns, 3) uint8, red, green, blue, 0 where nothing is; None: not known
     """
 
     number: int
@@ -127,6 +133,7 @@ class View:
     uv: Floats
     angles: Floats
     seqs: Ints
+    colour: Bytes | None = None
 
     def __post_init__(self) -> None:
         _require_shape('points_xyz', self.points_xyz, (None, None, 3))
@@ -136,6 +143,8 @@ class View:
         _require_shape('uv', self.uv, (rows, columns, 2))
         _require_shape('angles', self.angles, (columns,))
         _require_shape('seqs', self.seqs, (columns,))
+        if self.colour is not None:
+            _require_shape('colour', self.colour, (rows, columns, 3))
 
     @property
     def valid(self) -> Bools:

@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.model import Bools
+from ivfmc_ros.model import Bytes
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Profile
@@ -63,7 +64,20 @@ def _assemble_one(cell: Cell, number: int, profiles: Sequence[Profile]) -> View:
         uv=grid('uv', 2),
         angles=np.array([profile.angle for profile in profiles]),
         seqs=np.array([profile.seq for profile in profiles], dtype=np.int64),
+        colour=_colours(profiles, shape, row, column),
     )
+
+
+def _colours(
+    profiles: Sequence[Profile], shape: tuple[int, int], row: Ints, column: Ints
+) -> Bytes | None:
+    """Return the colours of a view's points; None where any profile has none."""
+    known = [profile.colour for profile in profiles if profile.colour is not None]
+    if len(known) < len(profiles):
+        return None
+    colour = np.zeros((*shape, 3), dtype=np.uint8)
+    colour[row, column] = np.concatenate(known)
+    return colour
 
 
 def closes(view: View) -> bool:

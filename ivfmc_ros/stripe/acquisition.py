@@ -26,6 +26,7 @@ from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
 from ivfmc_ros.stripe.extract import Stripe
 from ivfmc_ros.stripe.region import stripe_mask
+from ivfmc_ros.stripe.texture import coloured
 from ivfmc_ros.stripe.triangulate import triangulate
 
 # At most this share of a scan's stripe is cut by edges, and to less than so much of its width.
@@ -116,8 +117,12 @@ class Acquisition:
         direction = self.cell.lasers[frame.laser].stripe
         return extract(frame.image, direction, settings, self._masks[frame.laser])
 
-    def profile(self, frame: Frame) -> Profile:
-        """Extract, triangulate and denoise the stripe of a picture."""
+    def profile(self, frame: Frame, texture: Image | None = None) -> Profile:
+        """
+        Extract, triangulate and denoise the stripe of a picture.
+
+        texture : the picture of the same table angle with all lasers off, for colours
+        """
         self.require_usable(frame)
         settings = self.settings
         direction = self.cell.lasers[frame.laser].stripe
@@ -130,7 +135,8 @@ class Acquisition:
         self.counts.stripe_points += len(stripe)
         self.counts.outside_volume += len(stripe) - len(inside)
         self.counts.noise += int(np.count_nonzero(~clean))
-        return denoise.keep(inside, clean)
+        profile = denoise.keep(inside, clean)
+        return profile if texture is None else coloured(profile, texture)
 
     def _masked(self, frame: Frame) -> Image:
         """Return what can be stripe, turned so that there is one stripe point a row."""

@@ -36,4 +36,5 @@ def keep(profile: Profile, chosen: Bools) -> Profile:
         intensity=profile.intensity[chosen],
         sigma=profile.sigma[chosen],
         uv=profile.uv[chosen],
+        colour=None if profile.colour is None else profile.colour[chosen],
     )

@@ -45,11 +45,13 @@ class Edge:
 
     outline : (n, 2) metres, of the block
     frames : pictures of the sweep
+    around : a few pictures of the whole turn
     """
 
     cell: object
     outline: np.ndarray
     frames: list[Frame]
+    around: list[Frame]
 
     def errors(self, profiles):
         """Return the distances (metres) of all points near the edge from the block."""
@@ -75,15 +77,21 @@ def sweep(kind, optics=None):
     solid = stack([Layer(low=0.0, high=HEIGHT, bottom=[outline])])
     renderer = StripeRenderer(cell=cell, solid=solid, optics=optics)
     scene = Scene(solid, None, 1.0)
-    frames = []
-    for seq in range(FRAMES):
-        angle = LASER_AZIMUTHS['left'] + (seq - FRAMES // 2) * STEP
+
+    def picture(seq, angle):
         light = renderer.light(angle, 0)
         if kind == 'border':
             light = light * albedo(cell, scene, angle, light > 0)
         image = expose(optics.ambient, light, optics, np.random.default_rng((7, seq)))
-        frames.append(Frame(image=image, stamp_ns=seq, angle=angle, seq=seq))
-    return Edge(cell=cell, outline=outline, frames=frames)
+        return Frame(image=image, stamp_ns=seq, angle=angle, seq=seq)
+
+    middle = LASER_AZIMUTHS['left']
+    return Edge(
+        cell=cell,
+        outline=outline,
+        frames=[picture(seq, middle + (seq - FRAMES // 2) * STEP) for seq in range(FRAMES)],
+        around=[picture(seq, seq * np.pi / 8) for seq in range(16)],
+    )
 
 
 def albedo(cell, scene, angle, lit):

@@ -24,7 +24,7 @@ from ivfmc_ros.simulation.sources import usual_source
 CELL = bench_cell(np.zeros(5))
 LASER = 0
 OPTICS = Optics()
-RIGHT = 2.0  # pixels from the truth within which a row shows the right stripe
+RIGHT = 3.0  # pixels from the truth within which a row shows the right stripe
 
 _COARSE = 4  # pixels between those whose reflected light is worked out
 _LIT_POINTS = 300

@@ -45,15 +45,19 @@ def bell(x, sigma):
     return np.sqrt(2 * np.pi) * sigma * area
 
 
-def pictures(case, count, seed) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield pictures and the (HEIGHT,) columns of their stripes, of every sub-pixel phase."""
+def pictures(case, count, seed, jitter=0.5) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """
+    Yield pictures and the (HEIGHT,) columns of their stripes, of every sub-pixel phase.
+
+    jitter : pixels by which rows differ from a smooth stripe, to each side
+    """
     rng = np.random.default_rng(seed)
     rows = np.arange(HEIGHT)
     reach = int(np.ceil(8 * case.sigma))
     steps = np.arange(-reach, reach + 1)
     for _ in range(count):
         bow = rng.uniform(-120, 120) * np.sin(rows / 1024 * np.pi) + rng.uniform(300, 900)
-        u = bow + rng.uniform(-0.5, 0.5, HEIGHT)
+        u = bow + rng.uniform(-jitter, jitter, HEIGHT)
         first = np.rint(u).astype(int)
         light = case.height * bell(first[:, None] + steps - u[:, None], case.sigma)
         if case.speckle:
