@@ -44,22 +44,26 @@ class Conversation:
         self._write, self._busy = write, busy
         self._pending: Pending | None = None
         self._free = threading.Condition()
+        self._epoch = 0
+        self._reason: DeviceError | None = None
 
     @property
-    def waiting(self) -> bool:
-        """A line waits for its answer."""
-        return self._pending is not None
+    def epoch(self) -> int:
+        """How often lines were given up; see ``send``."""
+        return self._epoch
 
-    def send(self, text: str) -> None:
+    def send(self, text: str, epoch: int | None = None) -> None:
         """
         Send a line and wait for its answer, sending it again when it seems to have got lost.
 
+        epoch : of the time when the command began that the line belongs to; if lines were given
+            up since, this one is too, so that nothing begins again after a stop
         :raises BoardRefusedError: the board says that it is wrong
         :raises DeviceError: it was given up, see ``fail``, or there is no answer
         """
         for attempt in range(_TRIES):
             last = attempt == _TRIES - 1
-            pending = self._begin(text, None)
+            pending = self._begin(text, None, epoch)
             if not self._wait(pending):
                 if last:
                     break
@@ -73,9 +77,9 @@ class Conversation:
                 raise _refused(text, pending.refused)
         raise BoardLostError(f'{text}: the board does not answer, though it was sent twice')
 
-    def begin(self, text: str, then: Callable[[], None]) -> None:
+    def begin(self, text: str, then: Callable[[], None], epoch: int) -> None:
         """Send a line; ``then`` is called in the reading thread when it is answered by ok."""
-        self._begin(text, then)
+        self._begin(text, then, epoch)
 
     def answer(self, error: int | None) -> None:
         """The board said ok or error; without a line in flight nothing happens."""
@@ -90,15 +94,19 @@ class Conversation:
             pending.then()
 
     def fail(self, error: DeviceError) -> None:
-        """Give the line in flight up."""
+        """Give the line in flight up, and what waits behind it."""
         with self._free:
+            self._epoch += 1
+            self._reason = error
             pending, self._pending = self._pending, None
             self._free.notify_all()
         if pending is not None:
             pending.error = error
             pending.done.set()
 
-    def _begin(self, text: str, then: Callable[[], None] | None) -> Pending:
+    def _begin(
+        self, text: str, then: Callable[[], None] | None, epoch: int | None
+    ) -> Pending:
         with self._free:
             deadline = time.monotonic() + _PATIENCE
             while self._pending is not None:
@@ -108,6 +116,8 @@ class Conversation:
                 elif time.monotonic() > deadline:
                     # its sender has given up, or nobody waits for it
                     self._pending = None
+            if epoch is not None and epoch != self._epoch and self._reason is not None:
+                raise self._reason
             pending = self._pending = Pending(text, then)
         try:
             self._write(text.encode('ascii') + b'\n')

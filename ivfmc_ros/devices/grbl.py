@@ -150,11 +150,13 @@ class GrblBoard:
     def move_to(self, position: float, velocity: float, acceleration: float) -> None:
         """Begin a move; one in progress is braked first."""
         _require_motion(position, velocity, acceleration)
+        epoch = self._talk.epoch
         with self._commanding:
             self._require_ready()
             if self._monitor.moving:
                 self.stop()
                 self._require_ready()
+                epoch = self._talk.epoch
             self._set_acceleration(acceleration)
             target = self._units.from_radians(position)
             feed = max(60 * self._units.length(velocity), 1.0)
@@ -166,27 +168,28 @@ class GrblBoard:
             plan = ramp.ramp(start, target, feed / 60, limit, 0.0)
             self._monitor.announce(plan)
             try:
-                self._talk.send(text)
+                self._talk.send(text, epoch)
             except DeviceError:
                 self._monitor.withdraw()
                 raise
             self._monitor.begun()
             # answered when the table stands: ok to a move only says that it is queued
-            self._talk.begin('G4P0.01', self._monitor.drained)
+            self._talk.begin('G4P0.01', self._monitor.drained, epoch)
 
     def set_laser(self, name: str | None) -> int:
         """Turn one laser on and all others off; return when, nanoseconds since the epoch."""
         if name is not None and name not in self._settings.lasers:
             known = ', '.join(self._settings.lasers) or 'none'
             raise ParameterError(f'laser: {name!r} is not wired; there are: {known}')
+        epoch = self._talk.epoch
         with self._commanding:
             self._require_ready()
             for laser, output in self._settings.lasers.items():
                 if laser != name:
-                    self._talk.send(OUTPUTS[output][1])
+                    self._talk.send(OUTPUTS[output][1], epoch)
             self._monitor.note_lasers({})
             if name is not None:
-                self._talk.send(self._on_line(self._settings.lasers[name]))
+                self._talk.send(self._on_line(self._settings.lasers[name]), epoch)
                 self._monitor.note_lasers({name: True})
             return self._monitor.lasers_ns
 
