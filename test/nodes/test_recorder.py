@@ -1,0 +1,157 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+from graph_rig import NodeProcess
+from graph_rig import running
+import numpy as np
+import pytest
+from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import Image
+from sensor_msgs.msg import JointState
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import UInt64
+
+from ivfmc_ros.model import Profile
+from ivfmc_ros.nodes import clouds
+from ivfmc_ros.nodes import qos
+from ivfmc_ros.storage.bag_reader import open_bag
+from ivfmc_ros.storage.catalogue import Catalogue
+from ivfmc_ros.storage.stored_scan import stored_profiles
+
+START = 1_790_000_000_000_000_000
+
+
+@pytest.fixture
+def recorder(client):
+    with running('recorder') as node:
+        yield node
+
+
+@pytest.fixture
+def scan(client, recorder, tmp_path):
+    """Folder of a scan that the recorder has been told of."""
+    Catalogue(tmp_path, create=True).add_scan('s1', 'part', '', 'SCANNING', {})
+    (tmp_path / 's1').mkdir()
+    client.set('recorder', scan_id='s1', scan_folder=str(tmp_path / 's1'))
+    return tmp_path / 's1'
+
+
+def profile(seq, points=5):
+    return clouds.from_profile(
+        Profile(
+            points_xyz=np.arange(3.0 * points).reshape(-1, 3),
+            intensity=np.zeros(points),
+            sigma=np.zeros(points),
+            uv=np.zeros((points, 2)),
+            angle=0.1 * seq,
+            laser=0,
+            view=0,
+            seq=seq,
+            stamp_ns=START + seq,
+        )
+    )
+
+
+def ready(client, *publishers):
+    client.until(lambda: all(p.get_subscription_count() for p in publishers), what='no recorder')
+
+
+def test_what_is_published_is_in_the_bag_and_the_catalogue(client, scan, tmp_path):
+    profiles = client.publisher(PointCloud2, 'profile')
+    images = client.publisher(Image, 'image_raw')
+    # somebody else's driver, best effort
+    joints = client.publisher(JointState, 'joint_states', qos.best_effort(10))
+    recorded = client.collect(UInt64, 'recorded')
+    ready(client, profiles, images, joints)
+    client.spin(0.6)  # the recorder has to see what the publishers offer
+    success, answer = client.trigger('recorder/start')
+    assert success, answer
+    for seq in range(5):
+        images.publish(Image(height=2, width=3, step=3, encoding='mono8', data=bytes(6)))
+        joints.publish(JointState(name=['turntable_joint'], position=[0.1 * seq]))
+        profiles.publish(profile(seq, points=0 if seq == 4 else 5))
+    client.until(lambda: recorded and recorded[-1].data == 4, what='not recorded')
+    # what is flushed can be read while the scan goes on
+    assert open_bag(scan / 'scan.mcap.part', salvage=True).topics['/ivfmc/profile'].count == 5
+    success, answer = client.trigger('recorder/stop')
+    assert success, answer
+    assert (answer['recorded'], answer['dropped']) == (4, 0)
+    bag = open_bag(scan)
+    assert {name: topic.count for name, topic in bag.topics.items()} == {
+        '/ivfmc/image_raw': 5,
+        '/ivfmc/joint_states': 5,
+        '/ivfmc/profile': 5,
+    }
+    (view,) = Catalogue(tmp_path).views('s1')
+    assert (view.profiles, view.points) == (5, 20)
+    stored = list(stored_profiles(Catalogue(tmp_path), 's1'))
+    assert [len(one) for one in stored] == [5, 5, 5, 5, 0]
+
+
+def test_nothing_is_written_before_start_and_after_stop(client, scan):
+    joints = client.publisher(JointState, 'joint_states')
+    ready(client, joints)
+    joints.publish(JointState(name=['a'], position=[0.0]))
+    client.spin(0.3)
+    client.trigger('recorder/start')
+    client.trigger('recorder/stop')
+    joints.publish(JointState(name=['a'], position=[0.0]))
+    client.spin(0.3)
+    assert open_bag(scan).message_count == 0
+
+
+def test_start_without_a_folder_is_refused(client, recorder):
+    success, answer = client.trigger('recorder/start')
+    assert (success, answer['code']) == (False, 'BAD_PARAMETER')
+
+
+def test_second_start_is_refused(client, scan):
+    assert client.trigger('recorder/start')[0]
+    success, answer = client.trigger('recorder/start')
+    assert (success, answer['code']) == (False, 'BUSY')
+
+
+def test_bag_is_not_overwritten(client, scan):
+    assert client.trigger('recorder/start')[0]
+    assert client.trigger('recorder/stop')[0]
+    success, answer = client.trigger('recorder/start')
+    assert (success, answer['code']) == (False, 'BAD_FILE')
+    success, answer = client.trigger('recorder/stop')
+    assert (success, answer['code']) == (False, 'WRONG_STATE')
+
+
+def test_bag_is_whole_when_the_node_ends(client, tmp_path):
+    node = NodeProcess('recorder')
+    client.set('recorder', scan_id='s1', scan_folder=str(tmp_path))
+    assert client.trigger('recorder/start')[0]
+    assert node.end() == 0, node.output
+    assert open_bag(tmp_path).message_count == 0
+
+
+def test_profile_without_its_fields_is_reported_by_name(client, scan):
+    profiles = client.publisher(PointCloud2, 'profile')
+    ready(client, profiles)
+    client.trigger('recorder/start')
+    message = profile(0)
+    message.fields = [field for field in message.fields if field.name != 'seq']
+    profiles.publish(message)
+    client.until(lambda: "'seq'" in client.diagnostic('recorder'), what='no diagnostic')
+
+
+def test_unknown_topic_is_refused_at_the_start():
+    node = NodeProcess('recorder', topics=['elsewhere'])
+    node.process.wait(timeout=20)
+    assert node.end() == 2
+    assert "'elsewhere' is not one of" in node.output
+
+
+def test_compressed_pictures_are_recorded_when_asked_for(client, tmp_path):
+    with running('recorder', topics=['image_raw/compressed']):
+        (tmp_path / 's1').mkdir()
+        client.set('recorder', scan_id='s1', scan_folder=str(tmp_path / 's1'))
+        images = client.publisher(CompressedImage, 'image_raw/compressed')
+        ready(client, images)
+        client.trigger('recorder/start')
+        images.publish(CompressedImage(format='jpeg', data=b'abc'))
+        client.spin(0.3)
+        client.trigger('recorder/stop')
+        assert open_bag(tmp_path / 's1').topics['/ivfmc/image_raw/compressed'].count == 1
