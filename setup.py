@@ -94,6 +94,8 @@ setup(
         'console_scripts': [
             'camera = ivfmc_ros.nodes.camera:main',
             'ivfmc = ivfmc_ros.cli.main:main',
+            'orchestrator = ivfmc_ros.nodes.orchestrator:main',
+            'recorder = ivfmc_ros.nodes.recorder:main',
             'turntable = ivfmc_ros.nodes.turntable:main',
         ],
     },
