@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node of the camera: pictures, and the calibration that goes with each."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,6 @@ from ivfmc_ros.nodes.base import run
 from ivfmc_ros.nodes.health import Level
 from ivfmc_ros.nodes.images import to_image
 from ivfmc_ros.nodes.lifecycle import LifecycleCellNode
-from ivfmc_ros.nodes.parameters import void
 from ivfmc_ros.nodes.stamps import header
 from ivfmc_ros.storage.camera_info import camera_of
 
@@ -43,7 +43,7 @@ class CameraNode(LifecycleCellNode):
         self._calibration: Camera | None = None
         self._mismatch = ''
         self._declare_camera()
-        self.check(lambda values: void(_exposure(values)))
+        self.check(_require_exposure)
         self.changed(self._apply)
         self._images = self.publish_on(Image, 'image_raw')
         self._infos = self.publish_on(CameraInfo, 'camera_info')
@@ -108,7 +108,12 @@ class CameraNode(LifecycleCellNode):
         say('camera_info', '', 'Calibration file; set_camera_info writes it.', read_only=True)
         say('frame_id', 'camera_optical_frame', 'Frame of the pictures.', read_only=True)
 
-    def _exposure(self) -> Exposure:
+    def _require_exposure(values: Mapping[str, Any]) -> None:
+    """:raises ParameterError: the values make no exposure."""
+    _exposure(values)
+
+
+def _exposure(self) -> Exposure:
         return _exposure({name: self.get(name) for name in ('frame_rate', 'exposure', 'gain')})
 
     def _device(self) -> CameraDevice:

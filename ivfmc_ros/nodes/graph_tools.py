@@ -98,9 +98,10 @@ class GraphTools:
         )
         await self._helpers.set('registrar', {'scan_id': context.scan_id})
         await self._helpers.trigger('registrar/reset', _SLACK, self._guard)
-        folder = str(context.folder)
-        await self._helpers.set('mesher', {'scan_folder': folder})
-        await self._helpers.set('recorder', {'scan_folder': folder, 'scan_id': context.scan_id})
+        place = {'scan_folder': str(context.folder), 'scan_id': context.scan_id}
+        files = {'formats': context.request.formats, 'export_unit': context.request.export_unit}
+        await self._helpers.set('mesher', {**place, **files})
+        await self._helpers.set('recorder', place)
         self._link.forget()
         await self._helpers.trigger('recorder/start', _SLACK, self._guard)
         self._recording = True
