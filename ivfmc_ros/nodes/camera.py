@@ -108,12 +108,7 @@ class CameraNode(LifecycleCellNode):
         say('camera_info', '', 'Calibration file; set_camera_info writes it.', read_only=True)
         say('frame_id', 'camera_optical_frame', 'Frame of the pictures.', read_only=True)
 
-    def _require_exposure(values: Mapping[str, Any]) -> None:
-    """:raises ParameterError: the values make no exposure."""
-    _exposure(values)
-
-
-def _exposure(self) -> Exposure:
+    def _exposure(self) -> Exposure:
         return _exposure({name: self.get(name) for name in ('frame_rate', 'exposure', 'gain')})
 
     def _device(self) -> CameraDevice:
@@ -193,6 +188,11 @@ def camera_info(camera: Camera | None, width: int, height: int) -> CameraInfo:
         r=np.eye(3).ravel().tolist(),
         p=projection.ravel().tolist(),
     )
+
+
+def _require_exposure(values: Mapping[str, Any]) -> None:
+    """:raises ParameterError: the values make no exposure."""
+    _exposure(values)
 
 
 def _exposure(values: Any) -> Exposure:
