@@ -123,6 +123,7 @@ class GrblBoard:
             with self._monitor.homing(self._settings.home_timeout):
                 self._talk.send('$H')
             self._monitor.cleared()
+            self._monitor.wait_report(_BOOT)
             self._prepare()
 
     def stop(self) -> None:

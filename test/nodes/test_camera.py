@@ -1,0 +1,113 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+import subprocess
+import sys
+
+import cv2
+from graph_rig import node_environment
+from graph_rig import running
+import numpy as np
+import pytest
+from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import Image
+from sensor_msgs.srv import SetCameraInfo
+
+from ivfmc_ros.cell.camera_file import load_camera
+from ivfmc_ros.cell.camera_file import save_camera
+from ivfmc_ros.simulation.bench import bench_camera
+
+
+@pytest.fixture
+def pictures(tmp_path):
+    folder = tmp_path / 'pictures'
+    folder.mkdir()
+    for number in range(3):
+        cv2.imwrite(str(folder / f'{number}.png'), np.full((48, 64), 10 * number, np.uint8))
+    return folder
+
+
+@pytest.fixture
+def calibration(tmp_path):
+    path = tmp_path / 'camera.yaml'
+    save_camera(path, bench_camera())
+    return path
+
+
+def test_pictures_of_a_folder_come_with_a_stamp_each(client, pictures):
+    with running('camera', backend='folder', folder=str(pictures), frame_rate=30.0):
+        images = client.collect(Image, 'image_raw')
+        infos = client.collect(CameraInfo, 'camera_info')
+        client.until(lambda: len(images) > 10 and len(infos) > 10)
+    values = [image.data[0] for image in images[:6]]
+    assert set(values) == {0, 10, 20}
+    stamps = [(image.header.stamp.sec, image.header.stamp.nanosec) for image in images]
+    assert stamps == sorted(set(stamps))
+    said = {(info.header.stamp.sec, info.header.stamp.nanosec) for info in infos}
+    assert len(said.intersection(stamps)) > 8
+    assert (images[0].width, images[0].height, images[0].encoding) == (64, 48, 'mono8')
+    assert images[0].header.frame_id == 'camera_optical_frame'
+    # nothing is known of the lens, as other drivers say it
+    assert (infos[0].width, infos[0].k[0]) == (64, 0.0)
+
+
+def test_calibration_of_another_size_is_said_and_not_published(client, pictures, calibration):
+    parameters = {'folder': str(pictures), 'camera_info': str(calibration)}
+    with running('camera', backend='folder', **parameters):
+        infos = client.collect(CameraInfo, 'camera_info')
+        client.until(lambda: 'calibrated' in client.diagnostic('camera'))
+        assert infos == []
+
+
+def test_simulated_camera_sees_the_live_cell(client, tmp_path):
+    folder = tmp_path / 'live'
+    words = [sys.executable, '-m', 'ivfmc_ros.simulation.live_cell', '--folder', str(folder)]
+    process = subprocess.Popen(
+        [*words, '--part', 'none'], env=node_environment(), stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline() == 'ready\n'
+    parameters = {'simulation': str(folder), 'camera_info': str(folder / 'camera.yaml')}
+    with running('camera', backend='simulated', **parameters):
+        images = client.collect(Image, 'image_raw')
+        infos = client.collect(CameraInfo, 'camera_info')
+        client.until(lambda: images and infos, 20.0)
+        assert (images[0].width, images[0].height) == (1280, 1024)
+        assert infos[0].k[0] == pytest.approx(2350.0)
+        assert np.mean(images[0].data) == pytest.approx(6.0, abs=0.1)
+        process.terminate()
+        process.wait(timeout=5)
+        client.until(lambda: 'gone' in client.diagnostic('camera'), 10.0)
+
+
+def test_exposure_out_of_range_or_too_long_is_refused(client, pictures):
+    with running('camera', backend='folder', folder=str(pictures)):
+        for wrong in ({'exposure': 0.0}, {'exposure': float('nan')}, {'exposure': 0.5}):
+            assert not client.set('camera', **wrong).successful
+        answer = client.set('camera', exposure=0.5, frame_rate=1.0)
+        assert answer.successful, answer.reason
+
+
+def test_set_camera_info_is_kept(client, pictures, calibration):
+    parameters = {'folder': str(pictures), 'camera_info': str(calibration)}
+    with running('camera', backend='folder', **parameters):
+        info = CameraInfo(width=64, height=48, distortion_model='plumb_bob', d=[0.0] * 5)
+        info.k = [50.0, 0.0, 32.0, 0.0, 50.0, 24.0, 0.0, 0.0, 1.0]
+        request = SetCameraInfo.Request(camera_info=info)
+        answer = client.call(SetCameraInfo, 'camera/set_camera_info', request)
+        assert answer.success, answer.status_message
+        infos = client.collect(CameraInfo, 'camera_info')
+        client.until(lambda: infos)
+        assert infos[-1].k[0] == 50.0
+        info.k = [0.0] * 9
+        answer = client.call(SetCameraInfo, 'camera/set_camera_info', request)
+        assert not answer.success
+    assert load_camera(calibration).K[0, 0] == 50.0
+
+
+def test_folder_that_is_not_there_is_said(client, tmp_path):
+    with running('camera', backend='folder', folder=str(tmp_path / 'none')):
+        client.until(lambda: 'none' in client.diagnostic('camera'))
+
+
+def test_backend_without_its_place_is_said(client):
+    with running('camera', backend='simulated'):
+        client.until(lambda: 'simulation: is needed' in client.diagnostic('camera'))

@@ -1,0 +1,271 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+import signal
+import subprocess
+import sys
+import time
+
+from builtin_interfaces.msg import Duration
+from graph_rig import node_environment
+from graph_rig import NodeProcess
+from graph_rig import running
+import pytest
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+from std_msgs.msg import Header
+from std_srvs.srv import SetBool
+from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectoryPoint
+
+from ivfmc_ros.simulation.live_truth import TruthReader
+
+
+@pytest.fixture(scope='module')
+def live(tmp_path_factory):
+    """A live cell in a process of its own."""
+    folder = tmp_path_factory.mktemp('live')
+    words = [sys.executable, '-m', 'ivfmc_ros.simulation.live_cell', '--folder', str(folder)]
+    process = subprocess.Popen(
+        [*words, '--part', 'none'], env=node_environment(), stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline() == 'ready\n'
+    yield folder
+    process.terminate()
+    assert process.wait(timeout=5) == 0
+    assert list(folder.iterdir()) == []
+
+
+class Table:
+    """A client of the turntable node, and the truth of the cell behind it."""
+
+    def __init__(self, client, folder):
+        self.client = client
+        self.folder = folder
+        self.truth = TruthReader(folder / 'truth')
+        self.joints = client.collect(JointState, 'joint_states')
+        self.lasers = client.collect(JointState, 'laser_states')
+        self._hold = client.publisher(Header, 'beam_hold')
+        self._go = client.publisher(JointTrajectory, 'joint_trajectory')
+        self.permit = client.publisher(Bool, 'beam_permit')
+        client.until(lambda: self.joints and self._go.get_subscription_count(), 10.0, 'a table')
+
+    def lit(self):
+        last = self.lasers[-1]
+        return [name for name, on in zip(last.name, last.position, strict=True) if on]
+
+    def shining(self):
+        """What truly shines now."""
+        now = time.monotonic()
+        return self.truth.lasers(now - 1e-3, now).tolist()
+
+    def hold(self, laser, seconds, age=0.0):
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            message = Header(frame_id=laser)
+            stamp_ns = self.client.node.get_clock().now().nanoseconds - int(age * 1e9)
+            message.stamp.sec, message.stamp.nanosec = divmod(stamp_ns, 10**9)
+            self._hold.publish(message)
+            self.client.spin(0.1)
+
+    def go(self, position, seconds=0.0, **changes):
+        whole = int(seconds)
+        point = JointTrajectoryPoint(
+            positions=[position],
+            velocities=[changes.get('velocity', 0.0)],
+            time_from_start=Duration(sec=whole, nanosec=int((seconds - whole) * 1e9)),
+        )
+        names = changes.get('names', ['turntable_joint'])
+        self._go.publish(
+            JointTrajectory(joint_names=names, points=[point] * changes.get('points', 1))
+        )
+
+    def position(self):
+        return self.joints[-1].position[0]
+
+    def stands(self):
+        return len(self.joints) > 5 and all(abs(j.velocity[0]) < 1e-6 for j in self.joints[-5:])
+
+    def arrive(self, target, seconds=10.0):
+        self.client.until(
+            lambda: self.stands() and abs(self.position() - target) < 1e-3, seconds, 'arrival'
+        )
+
+    def fault(self, text):
+        (self.folder / 'faults').write_text(f'{text}\n')
+
+    def enable(self, laser, on=True):
+        request = SetBool.Request(data=on)
+        return self.client.call(SetBool, f'turntable/{laser}/enable', request)
+
+
+@pytest.fixture(scope='module')
+def node(live):
+    node = NodeProcess('turntable', port=str(live / 'board'))
+    yield node
+    assert node.end() == 0, node.output
+
+
+@pytest.fixture
+def table(client, live, node):
+    table = Table(client, live)
+    yield table
+    assert node.alive
+    if not table.stands() or any(table.shining()):
+        client.trigger('turntable/stop')
+        # who was stopped has to let go
+        client.spin(0.6)
+
+
+@pytest.fixture
+def others(node):
+    """The board is free for a node of another kind."""
+    node.end()
+
+
+def test_a_move_takes_the_time_it_is_given_and_ends_at_its_target(table):
+    start = time.monotonic()
+    table.joints.clear()
+    table.go(1.0, 1.5)
+    table.arrive(1.0)
+    moving = [joint for joint in table.joints if joint.velocity[0] > 1e-3]
+    assert 1.4 < time.monotonic() - start < 2.5
+    # 50 a second at least; the clock is the stamps'
+    stamps = [joint.header.stamp.sec + joint.header.stamp.nanosec * 1e-9 for joint in moving]
+    assert len(stamps) / (stamps[-1] - stamps[0]) > 45
+    assert table.truth.table(time.monotonic())[0] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_commanding_the_present_position_stops(table):
+    table.go(40.0, 60.0)
+    table.client.until(lambda: abs(table.joints[-1].velocity[0]) > 0.2)
+    here = table.position()
+    table.go(here)
+    table.arrive(here, 4.0)
+
+
+def test_a_held_laser_shines_and_goes_dark_half_a_second_after_the_last_hold(table):
+    table.hold('left', 0.8)
+    assert table.lit() == ['left']
+    assert table.shining() == [1.0, 0.0]
+    table.hold('right', 0.3)
+    assert table.lit() == ['right']
+    assert table.shining() == [0.0, 1.0]
+    start = time.monotonic()
+    table.client.until(lambda: not table.lit())
+    assert 0.2 < time.monotonic() - start < 1.0
+    assert table.shining() == [0.0, 0.0]
+
+
+def test_a_beam_is_cut_in_mid_move_and_the_position_is_kept(table):
+    table.hold('left', 0.4)
+    table.go(table.position() + 20.0, 40.0)
+    table.hold('left', 0.6)
+    assert table.lit() == ['left']
+    table.client.until(lambda: not table.lit(), 3.0)
+    assert table.shining() == [0.0, 0.0]
+    table.client.until(table.stands, 3.0)
+    target = table.position() + 0.1
+    table.go(target)
+    table.arrive(target)
+
+
+def test_an_unknown_laser_and_an_old_hold_light_nothing(table):
+    table.hold('middle', 0.4)
+    table.hold('left', 0.4, age=5.0)
+    assert table.lit() == []
+    table.client.until(lambda: 'old' in table.client.diagnostic('turntable'), 3.0)
+
+
+def test_a_laser_by_hand_only_in_an_idle_cell(table):
+    answer = table.enable('right')
+    assert answer.success, answer.message
+    assert table.shining() == [0.0, 1.0]
+    assert table.enable('right', False).success
+    assert table.shining() == [0.0, 0.0]
+    table.hold('', 0.2)
+    answer = table.enable('right')
+    assert not answer.success
+    assert 'BUSY' in answer.message
+
+
+def test_stop_ends_motion_and_beam(table):
+    table.hold('left', 0.3)
+    table.go(table.position() + 20.0, 40.0)
+    table.hold('left', 0.3)
+    success, answer = table.client.trigger('turntable/stop')
+    assert success, answer
+    assert table.shining() == [0.0, 0.0]
+    table.client.spin(0.2)
+    assert table.stands()
+
+
+@pytest.mark.parametrize(
+    ('changes', 'reason'),
+    [
+        ({'points': 2}, 'points'),
+        ({'velocity': 1.0}, 'velocity'),
+        ({'names': ['other']}, 'other'),
+    ],
+)
+def test_a_trajectory_that_is_none_is_refused(table, changes, reason):
+    here = table.position()
+    table.go(here + 1.0, **changes)
+    table.client.until(lambda: reason in table.client.diagnostic('turntable'), 3.0)
+    assert table.position() == here
+
+
+def test_a_restart_of_the_board_is_said_and_cleared(table):
+    table.fault('reset')
+    table.client.until(lambda: 'POSITION_LOST' in table.client.diagnostic('turntable'), 4.0)
+    success, answer = table.client.trigger('turntable/clear_alarm')
+    assert success, answer
+    table.go(table.position() + 0.1)
+    table.client.until(lambda: not table.stands())
+
+
+def test_home_without_a_switch_answers_why(table):
+    success, answer = table.client.trigger('turntable/home')
+    assert not success
+    assert answer['code'] == 'BOARD_REFUSED'
+
+
+def test_nothing_shines_without_the_permit_that_is_required(client, live, others):
+    port = str(live / 'board')
+    with running('turntable', port=port, beam_permit_required=True):
+        table = Table(client, live)
+        table.hold('left', 0.4)
+        assert table.lit() == []
+        table.permit.publish(Bool(data=True))
+        table.hold('left', 0.4)
+        assert table.lit() == ['left']
+        table.permit.publish(Bool(data=False))
+        table.hold('left', 0.3)
+        assert table.lit() == []
+
+
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGINT])
+def test_lasers_are_off_after_a_signal_in_mid_move(client, live, others, number):
+    node = NodeProcess('turntable', port=str(live / 'board'))
+    table = Table(client, live)
+    table.hold('left', 0.4)
+    table.go(table.position() + 20.0, 40.0)
+    table.hold('left', 0.3)
+    assert table.shining() == [1.0, 0.0]
+    assert node.end(number) == 0, node.output
+    assert table.shining() == [0.0, 0.0]
+    assert table.truth.table(time.monotonic())[1] == 0.0
+
+
+def test_a_node_without_a_board_lives_and_says_so(client, tmp_path):
+    with running('turntable', port=str(tmp_path / 'none')):
+        client.until(lambda: 'none' in client.diagnostic('turntable'), 10.0)
+        success, answer = client.trigger('turntable/stop')
+        assert not success
+        assert answer['code'] == 'BOARD_LOST'
+
+
+def test_lasers_alone_without_a_table(client, live, others):
+    with running('turntable', port=str(live / 'board'), table=False):
+        lasers = client.collect(JointState, 'laser_states')
+        client.until(lambda: lasers, 10.0)
+        assert client.node.count_publishers('joint_states') == 0
