@@ -22,6 +22,11 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
+Kinds = NDArray[np.uint8]
+
+# Where a triangle comes from: it was seen; it bridges a gap of a few voxels; it is the face that
+# the part stands on; it fills a hole.
+MEASURED, BRIDGED, BASE, FILLED = 0, 1, 2, 3
 
 
 def _require_shape(name: str, array: NDArray[Any], shape: Sequence[int | None]) -> None:
@@ -188,6 +193,7 @@ class Mesh:
     normals : (n, 3) float64, unit, outward; NaN at a vertex that no face uses
     sigma : (n,) float64, metres, 1 sigma of the vertex along its measuring direction
     intensity : (n,) float64, grey values
+    kind : (m,) uint8, MEASURED, BRIDGED, BASE or FILLED; None if all faces were measured
     """
 
     vertices_xyz: Floats
@@ -195,6 +201,7 @@ class Mesh:
     normals: Floats
     sigma: Floats
     intensity: Floats
+    kind: Kinds | None = None
 
     def __post_init__(self) -> None:
         count = len(self.vertices_xyz)
@@ -203,3 +210,5 @@ class Mesh:
         _require_shape('normals', self.normals, (count, 3))
         _require_shape('sigma', self.sigma, (count,))
         _require_shape('intensity', self.intensity, (count,))
+        if self.kind is not None:
+            _require_shape('kind', self.kind, (len(self.faces),))

@@ -20,8 +20,9 @@ from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.errors import NoStripeError
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.meshing.build import build_mesh
 from ivfmc_ros.meshing.export import UNITS
-from ivfmc_ros.meshing.join import join_views
+from ivfmc_ros.meshing.settings import MeshSettings
 from ivfmc_ros.model import Frame
 from ivfmc_ros.model import Mesh
 from ivfmc_ros.model import Poses
@@ -53,6 +54,7 @@ class Settings:
 
     island_least : a piece of surface of fewer points is a flying one
     registration : table, paper or point_to_plane
+    mesh : how views become a mesh
     max_edge : the paper's threshold on a triangle's edges; None for 5 point spacings
     export_unit : of the mesh and cloud files: m, mm or inch
     """
@@ -60,6 +62,7 @@ class Settings:
     acquisition: AcquisitionSettings = field(default_factory=AcquisitionSettings)
     island_least: int = 100
     registration: str = 'point_to_plane'
+    mesh: MeshSettings = field(default_factory=MeshSettings)
     max_edge: float | None = None
     export_unit: str = 'mm'
 
@@ -225,9 +228,7 @@ def _measured(
     yield from measured
 
 
-def poses_of(
-    cell: Cell, views: Sequence[View], settings: Settings
-) -> tuple[Poses, list[Verdict]]:
+def poses_of(cell: Cell, views: Sequence[View], settings: Settings) -> tuple[Poses, list[Verdict]]:
     """Find where each view belongs, and how sure that is."""
     return align(views, settings.registration)
 
@@ -242,7 +243,7 @@ def mesh_of(
     :raises GeometryError: the points make no surface
     """
     max_edge = settings.max_edge or usual_edge(views, settings)
-    return join_views(cell, views, poses, max_edge), max_edge
+    return build_mesh(cell, views, poses, replace(settings.mesh, max_edge=max_edge)), max_edge
 
 
 class _Samples:

@@ -1,0 +1,189 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+All samples to one closed, oriented 2-manifold, of which then what was not seen can be taken off.
+
+samples -> signed distance -> filled where nothing is -> surface -> noise taken out -> mesh
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ivfmc_ros.errors import GeometryError
+from ivfmc_ros.meshing import denoise
+from ivfmc_ros.meshing import field
+from ivfmc_ros.meshing import fill
+from ivfmc_ros.meshing import nets
+from ivfmc_ros.meshing import normals
+from ivfmc_ros.meshing import topology
+from ivfmc_ros.meshing import volume
+from ivfmc_ros.meshing.blocks import Blocks
+from ivfmc_ros.meshing.carve import carve
+from ivfmc_ros.meshing.samples import Samples
+from ivfmc_ros.meshing.settings import MeshSettings
+from ivfmc_ros.model import BASE
+from ivfmc_ros.model import Bools
+from ivfmc_ros.model import BRIDGED
+from ivfmc_ros.model import FILLED
+from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Ints
+from ivfmc_ros.model import Kinds
+from ivfmc_ros.model import MEASURED
+from ivfmc_ros.model import Mesh
+from ivfmc_ros.model import Singles
+
+# One standard deviation of a normal, from that of a point: both ends of an edge of one voxel err.
+_NORMAL_NOISE = 1.4
+_LEAST_SAMPLES = 3
+# Gaps of twice as many voxels stay closed.
+_BRIDGED_RINGS = 3
+# Mean of the kernel over a plane of samples, weighted by itself: one over how many voxels' worth
+# of samples are averaged.
+_MEAN_KERNEL = 1.0 / (np.sqrt(2.0 * np.pi) * field.SPREAD * 4.0 * np.pi * field.SPREAD**2)
+# A closed piece of which less was seen is an artefact.
+_LEAST_SEEN = 0.1
+# Diagonals whose halves are bent alike within this (cosine) are chosen by their length.
+_ALIKE = 0.01
+_LAST_KIND = {'none': BRIDGED, 'base': BASE, 'all': FILLED}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Shell:
+    """
+    What is known of a closed surface of quadrilaterals.
+
+    sigma : (n,) metres, intensity : (n,) grey values, NaN at vertices that were not seen
+    kind : (m,) of each quadrilateral
+    """
+
+    sigma: Floats
+    intensity: Floats
+    kind: Kinds
+
+
+def integrate(samples: Samples, voxel: float, settings: MeshSettings) -> Mesh:
+    """
+    Return one surface of all samples.
+
+    voxel : metres; gaps of up to 6 voxels are bridged, whatever ``close`` says
+    :raises GeometryError: there are no samples, or what they make is smaller than ``island``
+    """
+    if len(samples) < _LEAST_SAMPLES:
+        raise GeometryError(
+            f'meshing: {len(samples)} points have neighbours on the surface, which make none; '
+            'raise max_edge or scan in finer steps'
+        )
+    grid = field.grid_of(samples, voxel, settings.floor)
+    blocks = Blocks.near(grid, grid.coordinates(samples.points_xyz), field.RADIUS)
+    sums = field.sum_up(blocks, samples)
+    measured, weight = field.distance(blocks, sums)
+    carve(blocks, measured, samples)
+    empty = fill.looked_through(grid, samples)
+    coarse = fill.fill(blocks, sums, empty, settings.floor)
+    net = nets.extract(*volume.whole_distance(blocks, measured, coarse, settings.floor))
+    shell = _shell(blocks, sums, weight, net)
+    noise = np.nan_to_num(shell.sigma)[net.quads].max(axis=1) * (_NORMAL_NOISE / voxel)
+    vertices = denoise.denoised(net.vertices, net.quads, noise, settings.smoothing)
+    return _mesh(grid.points(vertices), net.quads, shell, settings)
+
+
+def _shell(blocks: Blocks, sums: field.Sums, weight: Singles, net: nets.Nets) -> _Shell:
+    seen = volume.near_samples(blocks, sums.counts, net.cells)
+    place = np.maximum(blocks.place(net.cells), 0)
+    ones = np.ones(3)
+    light, counts = (
+        blocks.blurred(values, ones).reshape(-1)[place] for values in (sums.light, sums.counts)
+    )
+    with np.errstate(invalid='ignore', divide='ignore'):
+        sigma = np.sqrt(_MEAN_KERNEL / (weight.reshape(-1)[place] * sums.scale))
+        intensity = light / counts
+    return _Shell(
+        sigma=np.where(seen, sigma, np.nan).astype(np.float64),
+        intensity=np.where(seen, intensity, np.nan).astype(np.float64),
+        kind=_kinds(net, seen),
+    )
+
+
+def _kinds(net: nets.Nets, seen: Bools) -> Kinds:
+    """Tell what was measured, what lies below all that was, and what fills a hole."""
+    measured = seen[net.quads].all(axis=1)
+    kind = np.where(measured, MEASURED, FILLED).astype(np.uint8)
+    covered = seen | ~_grown(net, ~_grown(net, seen, _BRIDGED_RINGS), _BRIDGED_RINGS)
+    kind[covered[net.quads].all(axis=1) & ~measured] = BRIDGED
+    if measured.any():
+        lowest = net.vertices[net.quads[measured], 2].min()
+        low = (net.vertices[:, 2] < lowest + 1.0)[net.quads].all(axis=1)
+        kind[low & (kind == FILLED)] = BASE
+    return kind
+
+
+def _grown(net: nets.Nets, chosen: Bools, rings: int) -> Bools:
+    """Add ``rings`` rings of neighbours to a choice of vertices."""
+    for _ in range(rings):
+        touched = chosen[net.quads].any(axis=1)
+        chosen = chosen.copy()
+        chosen[net.quads[touched].ravel()] = True
+    return chosen
+
+
+def _mesh(vertices_xyz: Floats, quads: Ints, shell: _Shell, settings: MeshSettings) -> Mesh:
+    keep = _wanted(quads, shell.kind, len(vertices_xyz), settings)
+    if not keep.any():
+        raise GeometryError(
+            f'meshing: no piece of surface has {settings.island} triangles; lower island'
+        )
+    used, quads = topology.compact(quads[keep], len(vertices_xyz))
+    vertices_xyz = vertices_xyz[used]
+    faces = _halves(vertices_xyz, quads)
+    return Mesh(
+        vertices_xyz=vertices_xyz,
+        faces=faces,
+        normals=normals.of_vertices(vertices_xyz, faces),
+        sigma=shell.sigma[used],
+        intensity=shell.intensity[used],
+        kind=np.concatenate([shell.kind[keep]] * 2),
+    )
+
+
+def _wanted(quads: Ints, kind: Kinds, vertices: int, settings: MeshSettings) -> Bools:
+    """Tell which quadrilaterals become part of the mesh."""
+    keep = kind <= _LAST_KIND[settings.close]
+    for _ in range(2):
+        chosen = np.flatnonzero(keep)
+        keep[chosen] = _solid_pieces(quads[chosen], kind[chosen], vertices, settings.island // 2)
+        if settings.close == 'all':
+            break
+        chosen = np.flatnonzero(keep)
+        keep[chosen] = topology.without_bow_ties(quads[chosen], vertices)
+    return keep
+
+
+def _solid_pieces(quads: Ints, kind: Kinds, vertices: int, least: int) -> Bools:
+    """Tell which quads are in a piece that is large enough and was seen in part."""
+    if not len(quads):
+        return np.zeros(0, dtype=bool)
+    piece = topology.pieces(quads, vertices)
+    size = np.bincount(piece)
+    seen = np.bincount(piece, kind == MEASURED)
+    return np.asarray(((size >= least) & (seen >= _LEAST_SEEN * size))[piece])
+
+
+def _halves(vertices_xyz: Floats, quads: Ints) -> Ints:
+    """Cut each quadrilateral along the diagonal across which it is less bent."""
+    a, b, c, d = (vertices_xyz[quads[:, k]] for k in range(4))
+    bent = []
+    for first, second in (((a, b, c), (a, c, d)), ((a, b, d), (b, c, d))):
+        one, two = (np.cross(q - p, r - p) for p, q, r in (first, second))
+        lengths = np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1)
+        bent.append((one * two).sum(axis=1) / np.maximum(lengths, 1e-30))
+    along_ac = bent[0] > bent[1]
+    alike = np.abs(bent[0] - bent[1]) < _ALIKE
+    shorter = ((c - a) ** 2).sum(axis=1) <= ((d - b) ** 2).sum(axis=1)
+    cut = np.where(alike, shorter, along_ac)[:, None]
+    return np.concatenate(
+        [
+            np.where(cut, quads[:, [0, 1, 2]], quads[:, [0, 1, 3]]),
+            np.where(cut, quads[:, [0, 2, 3]], quads[:, [1, 2, 3]]),
+        ]
+    )

@@ -1,0 +1,67 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How views become a mesh."""
+
+from dataclasses import dataclass
+
+from ivfmc_ros.errors import ParameterError
+
+METHODS = ('integrate', 'paper', 'poisson')
+CLOSINGS = ('none', 'base', 'all')
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshSettings:
+    """
+    How views become a mesh. Lengths are metres.
+
+    method : integrate (a signed distance on voxels), paper (triangles between neighbours, after
+        Ismail et al. 2007) or poisson (screened Poisson, for comparison)
+    max_edge : the paper's threshold on a triangle's edges: neighbours farther apart are not one
+        surface; None for 5 point spacings
+    close : what may be invented where nothing was seen: none (but gaps of up to 6 voxels are
+        bridged), base (the standing face), all
+    voxel : edge of a voxel of integrate and poisson; None for the spacing of the points
+    smoothing : rounds of bilateral normal filtering; 0 leaves the noise in
+    decimate : how far the simplified mesh may be from the full one; 0 keeps all triangles
+    island : a piece of surface with fewer triangles is dropped
+    floor : height of the platter in ``turntable``, on which the standing face lies; None if the
+        part does not stand on one
+    """
+
+    method: str = 'integrate'
+    max_edge: float | None = None
+    close: str = 'none'
+    voxel: float | None = None
+    smoothing: int = 12
+    decimate: float = 0.0
+    island: int = 200
+    floor: float | None = 0.0
+
+    def __post_init__(self) -> None:
+        _require_one_of('method', self.method, METHODS)
+        _require_one_of('close', self.close, CLOSINGS)
+        for name, value in (('max_edge', self.max_edge), ('voxel', self.voxel)):
+            if value is not None and not 0.0 < value <= 1.0:
+                raise ParameterError(f'{name}: {value} m is out of range; it must be 0 to 1 m')
+        if not 0 <= self.smoothing <= 200:
+            raise ParameterError(
+                f'smoothing: {self.smoothing} rounds is out of range; it must be 0 to 200'
+            )
+        if not 0.0 <= self.decimate <= 0.1:
+            raise ParameterError(
+                f'decimate: {self.decimate} m is out of range; it must be 0 to 0.1 m'
+            )
+        if not 0 <= self.island <= 10_000_000:
+            raise ParameterError(
+                f'island: {self.island} triangles is out of range; it must be 0 to 10000000'
+            )
+        if self.floor is not None and not -1.0 <= self.floor <= 1.0:
+            raise ParameterError(f'floor: {self.floor} m is out of range; it must be -1 to 1 m')
+        if self.method == 'paper' and self.close != 'none':
+            raise ParameterError('close: the paper invents no surface; use method integrate')
+
+
+def _require_one_of(name: str, value: str, known: tuple[str, ...]) -> None:
+    if value not in known:
+        raise ParameterError(f'{name}: {value!r} is not one of {", ".join(known)}')
