@@ -77,12 +77,14 @@ def estimate_noise(
     ]
     noise = Noise()
     for _ in range(_ROUNDS):
-        left = _joined([residuals(part, noise) for part in patches])
-        if len(left.residual) < _MIN_PIXELS:
+        parts = [residuals(part, noise) for part in patches]
+        count = sum(len(part.residual) for part in parts)
+        if count < _MIN_PIXELS:
             raise CalibrationError(
-                f'noise: {len(left.residual)} pixels of a stripe in {len(greys)} pictures, at '
-                f'least {_MIN_PIXELS} are needed; use pictures with the laser on'
+                f'noise: {count} pixels of a stripe in {len(greys)} pictures, at least '
+                f'{_MIN_PIXELS} are needed; use pictures with the laser on'
             )
+        left = _joined(parts)
         noise, errors, shape = _regress(left, noise)
     return NoiseEstimate(
         noise=noise,
@@ -90,7 +92,7 @@ def estimate_noise(
         shot_error=errors[1],
         speckle_error=errors[2],
         shape=shape,
-        pixels=len(left.residual),
+        pixels=count,
     )
 
 

@@ -1,0 +1,44 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+import numpy as np
+import pytest
+from synthetic import small_cell
+from synthetic import Sphere
+from synthetic import sphere_frames
+
+from ivfmc_ros.registration.views import assemble
+from ivfmc_ros.stripe.acquisition import Acquisition
+from ivfmc_ros.stripe.acquisition import AcquisitionSettings
+from ivfmc_ros.stripe.texture import colours
+
+SPHERE = Sphere(np.array([0.01, 0.005, 0.04]), 0.02)
+UV = np.array([[1.0, 0.0], [0.5, 1.0]])
+
+
+def test_colours_are_red_green_blue_and_interpolated():
+    picture = np.zeros((2, 3, 3), dtype=np.uint8)
+    picture[0, 1] = (10, 20, 30)
+    picture[1, 0] = (100, 0, 0)
+    assert colours(UV, picture).tolist() == [[30, 20, 10], [0, 0, 50]]
+
+
+@pytest.mark.parametrize(('kind', 'white'), [(np.uint8, 255), (np.uint16, 65535)])
+def test_mono_pictures_give_grey(kind, white):
+    assert (colours(UV, np.full((2, 3), white, dtype=kind)) == 255).all()
+
+
+def test_no_point_has_no_colour():
+    assert colours(np.zeros((0, 2)), np.zeros((4, 4), dtype=np.uint8)).shape == (0, 3)
+
+
+def test_colour_goes_with_the_points_into_the_view():
+    cell = small_cell()
+    acquisition = Acquisition(cell, AcquisitionSettings())
+    texture = np.zeros((512, 640, 3), dtype=np.uint8)
+    texture[:] = (50, 100, 200)
+    frames = list(sphere_frames(cell, SPHERE, 4, seed=1))
+    (view,) = assemble(cell, [acquisition.profile(frame, texture) for frame in frames])
+    assert (view.colour[view.valid] == (200, 100, 50)).all()
+    assert not view.colour[~view.valid].any()
+    (plain,) = assemble(cell, [acquisition.profile(frame) for frame in frames])
+    assert plain.colour is None
