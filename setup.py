@@ -58,7 +58,7 @@ setup(
     install_requires=[
         'click>=8.1',
         'matplotlib>=3.6',
-        'mcap>=1.6',
+        'mcap>=1.1',
         'numpy>=1.26',
         'open3d>=0.18',
         'opencv-python-headless>=4.8',
@@ -96,6 +96,9 @@ setup(
             'ivfmc = ivfmc_ros.cli.main:main',
             'orchestrator = ivfmc_ros.nodes.orchestrator:main',
             'recorder = ivfmc_ros.nodes.recorder:main',
+            'triangulator = ivfmc_ros.nodes.triangulator:main',
+            'registrar = ivfmc_ros.nodes.registrar:main',
+            'mesher = ivfmc_ros.nodes.mesher:main',
             'turntable = ivfmc_ros.nodes.turntable:main',
         ],
     },

@@ -28,7 +28,7 @@ class Inputs:
         return all(topic.get_subscription_count() for topic in self.topics)
 
     def wait(self):
-        self.client.until(self.heard, 15.0, 'nobody listens')
+        self.client.until(self.heard, what='nobody listens')
         # a subscriber whose QoS is adapted to ours comes again
         self.client.spin(0.6)
 

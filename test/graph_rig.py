@@ -27,6 +27,8 @@ from ivfmc_ros.nodes import qos
 DOMAIN = 1 + os.getpid() % 100
 ROOT = Path(__file__).resolve().parents[1]
 NAMESPACE = '/ivfmc'
+# Only a test that fails waits so long; a node on a busy machine takes its time to start.
+PATIENCE_S = 60.0
 
 
 def node_environment() -> dict[str, str]:
@@ -63,7 +65,7 @@ class NodeProcess:
         if self.alive:
             self.process.send_signal(number)
         try:
-            self.output += self.process.communicate(timeout=10)[0] or ''
+            self.output += self.process.communicate(timeout=30)[0] or ''
         except subprocess.TimeoutExpired:
             os.killpg(self.process.pid, signal.SIGKILL)
             self.output += self.process.communicate()[0] or ''
@@ -104,7 +106,7 @@ class Client:
         rclpy.shutdown(context=self.context)
 
     def until(
-        self, condition: Callable[[], object], seconds: float = 10.0, what: str = ''
+        self, condition: Callable[[], object], seconds: float = PATIENCE_S, what: str = ''
     ) -> None:
         """Spin until something is the case."""
         deadline = time.monotonic() + seconds
@@ -131,15 +133,15 @@ class Client:
         self.node.create_subscription(kind, topic, found.append, profile)
         return found
 
-    def call(self, kind: type, name: str, request: Any, seconds: float = 20.0) -> Any:
+    def call(self, kind: type, name: str, request: Any, seconds: float = PATIENCE_S) -> Any:
         client = self.node.create_client(kind, name)
-        self.until(client.service_is_ready, 10.0, f'no service {name}')
+        self.until(client.service_is_ready, what=f'no service {name}')
         future = client.call_async(request)
         self.until(future.done, seconds, f'{name} does not answer')
         self.node.destroy_client(client)
         return future.result()
 
-    def trigger(self, name: str, seconds: float = 20.0) -> tuple[bool, dict[str, Any]]:
+    def trigger(self, name: str, seconds: float = PATIENCE_S) -> tuple[bool, dict[str, Any]]:
         answer = self.call(Trigger, name, Trigger.Request(), seconds)
         return answer.success, json.loads(answer.message)
 

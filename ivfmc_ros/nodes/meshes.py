@@ -8,7 +8,6 @@ here: rclpy serialises the message without points, and the arrays are put where 
 little endian, eight-byte numbers aligned to eight from behind the four bytes of the header).
 """
 
-from geometry_msgs.msg import Point
 from geometry_msgs.msg import Pose
 from geometry_msgs.msg import Quaternion
 from geometry_msgs.msg import Vector3
@@ -38,9 +37,7 @@ def marker(vertices_xyz: Floats, faces: Ints, stamp_ns: int) -> bytes:
         color=ColorRGBA(r=_GREY[0], g=_GREY[1], b=_GREY[2], a=1.0),
     )
     bare = bytes(serialize_message(empty))
-    empty.points = [Point()]
-    # the first byte that differs is the number of points
-    start = _first_difference(bare, serialize_message(empty))
+    start = _start_of_points(empty)
     corners = np.ascontiguousarray(vertices_xyz[faces.ravel()], dtype='<f8')
     return bare[:start] + _doubles(start, corners) + bare[start + 4 :]
 
@@ -64,7 +61,16 @@ def _count(number: int) -> bytes:
     return int(number).to_bytes(4, 'little')
 
 
-def _first_difference(a: bytes, b: bytes) -> int:
-    length = min(len(a), len(b))
-    left, right = np.frombuffer(a[:length], np.uint8), np.frombuffer(b[:length], np.uint8)
-    return int(np.flatnonzero(left != right)[0])
+def _start_of_points(empty: Marker) -> int:
+    """Return where a marker's number of points stands in its bytes."""
+    position = 8
+    for text in (empty.header.frame_id, empty.ns):
+        position = _aligned(position, 4) + 4 + len(text.encode()) + 1
+    # id, type and action; pose and scale; color, lifetime and frame_locked
+    position = _aligned(position, 4) + 12
+    position = _aligned(position, 8) + 56 + 24 + 16 + 8 + 1
+    return _CDR_HEADER + _aligned(position, 4)
+
+
+def _aligned(position: int, size: int) -> int:
+    return position + -position % size

@@ -125,6 +125,7 @@ class ParameterNode(Node):
         defaults: Settings,
         prefix: str = '',
         ranges: Mapping[str, tuple[float, float]] | None = None,
+        only: tuple[str, ...] = ('',),
     ) -> Callable[[], Settings]:
         """
         Declare every field of a frozen dataclass, nested ones with dots in their names.
@@ -134,10 +135,12 @@ class ParameterNode(Node):
 
         prefix : before every name
         ranges : name -> (low, high); what its ``__post_init__`` refuses is refused anyway
+        only : beginnings of the names that are declared; other fields stay as they are
         returns : a function that builds the dataclass from the parameters as they are
         :raises ParameterError: the command line gives values that do not go together
         """
-        leaves = _leaves(defaults, prefix)
+        found = _leaves(defaults, prefix)
+        leaves = {name: leaf for name, leaf in found.items() if name.startswith(only)}
         for name, (default, description) in leaves.items():
             low, high = (ranges or {}).get(name, (None, None))
             value = 0.0 if default is None else default
@@ -150,8 +153,11 @@ class ParameterNode(Node):
         def current() -> Settings:
             return build({name: self.get(name) for name in leaves})
 
+        def check(values: Mapping[str, Any]) -> None:
+            build({name: values[name] for name in leaves})
+
         current()
-        self.check(lambda values: void(build(values)))
+        self.check(check)
         return current
 
     def _judge(self, parameters: list[Parameter]) -> SetParametersResult:

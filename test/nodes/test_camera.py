@@ -69,7 +69,8 @@ def test_simulated_camera_sees_the_live_cell(client, tmp_path):
     with running('camera', backend='simulated', **parameters):
         images = client.collect(Image, 'image_raw')
         infos = client.collect(CameraInfo, 'camera_info')
-        client.until(lambda: images and infos, 20.0)
+        # open3d takes seconds to load
+        client.until(lambda: images and infos, 60.0)
         assert (images[0].width, images[0].height) == (1280, 1024)
         assert infos[0].k[0] == pytest.approx(2350.0)
         assert np.mean(images[0].data) == pytest.approx(6.0, abs=0.1)

@@ -28,7 +28,7 @@ def test_every_picture_becomes_a_profile_of_the_sphere(client, inputs, cell_file
         inputs.wait()
         feed(inputs, frames, found=found)
         # the last lies past what is reported of table and lasers, and is judged by what is known
-        client.until(lambda: len(found) == len(frames), 10.0)
+        client.until(lambda: len(found) == len(frames))
         client.until(lambda: shown)
     profiles = [clouds.to_profile(message, 'profile') for message in found]
     assert [profile.seq for profile in profiles] == list(range(len(frames)))

@@ -1,0 +1,123 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The long jobs of registrar and mesher, as their worker does them. No ROS."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ivfmc_ros import pipeline
+from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.errors import FileError
+from ivfmc_ros.errors import NoStripeError
+from ivfmc_ros.meshing import export
+from ivfmc_ros.meshing.display import thinned
+from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Ints
+from ivfmc_ros.model import Poses
+from ivfmc_ros.model import Profile
+from ivfmc_ros.model import View
+from ivfmc_ros.registration.align import Verdict
+from ivfmc_ros.registration.motion import Motion
+from ivfmc_ros.stopwatch import Stopwatch
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Registered:
+    """Views at their places, and how that was found."""
+
+    views: list[View]
+    poses: Poses
+    verdicts: list[Verdict]
+    motions: list[Motion]
+    counts: dict[str, int]
+    seconds: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Built:
+    """
+    A mesh that is on disk, as far as it is shown.
+
+    vertices_xyz, faces : (n, 3) metres and (m, 3), thinned out for display
+    paths : of the files, by their suffix
+    """
+
+    vertices_xyz: Floats
+    faces: Ints
+    max_edge: float
+    counts: dict[str, int]
+    paths: dict[str, str]
+    seconds: dict[str, float]
+
+
+def register(cell: Cell, profiles: Sequence[Profile], settings: pipeline.Settings) -> Registered:
+    """
+    Put profiles into views and find the place of each.
+
+    :raises NoStripeError: no profile has a point
+    :raises GeometryError: a view number holds profiles of two lasers
+    """
+    if not any(len(profile) for profile in profiles):
+        raise NoStripeError(f'none of the {len(profiles)} profiles has a point')
+    watch = Stopwatch()
+    with watch.stage('views'):
+        views, motions, counts = pipeline.views_of(cell, profiles, settings)
+    with watch.stage('registration'):
+        poses, verdicts = pipeline.poses_of(cell, views, settings)
+    return Registered(
+        views=views,
+        poses=poses,
+        verdicts=verdicts,
+        motions=motions,
+        counts={'profiles': len(profiles), 'views': len(views), **counts},
+        seconds=watch.seconds,
+    )
+
+
+def build(
+    cell: Cell,
+    views: Sequence[View],
+    poses: Poses,
+    settings: pipeline.Settings,
+    folder: str,
+    suffixes: Sequence[str],
+    triangles: int,
+) -> Built:
+    """
+    Make a mesh of views, and files of it where a folder is named.
+
+    suffixes : of the files, such as stl
+    triangles : shown at most
+    :raises GeometryError: the points make no surface
+    :raises FileError: a file is there already, or cannot be written
+    """
+    paths = {suffix: Path(folder) / f'mesh.{suffix}' for suffix in suffixes if folder}
+    for path in paths.values():
+        if path.exists():
+            raise FileError(f'{path}: exists already and is not overwritten')
+    watch = Stopwatch()
+    with watch.stage('meshing'):
+        mesh, max_edge = pipeline.mesh_of(cell, list(views), poses, settings)
+    with watch.stage('files'):
+        for path in paths.values():
+            export.write_mesh(path, mesh, settings.export_unit)
+    with watch.stage('display'):
+        vertices, faces = thinned(mesh.vertices_xyz, mesh.faces, triangles)
+    return Built(
+        vertices_xyz=vertices,
+        faces=faces,
+        max_edge=max_edge,
+        counts={
+            'views': len(views),
+            'vertices': len(mesh.vertices_xyz),
+            'faces': len(mesh.faces),
+            'shown_faces': len(faces),
+        },
+        paths={suffix: str(path) for suffix, path in paths.items()},
+        seconds=watch.seconds,
+    )
+
+
+def load() -> None:
+    """Do nothing: that the worker has got this far is what a node waits for."""

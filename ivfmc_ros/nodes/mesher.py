@@ -1,0 +1,186 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``mesher``: views and poses in, a mesh out, on disk and to look at."""
+
+from collections.abc import Callable
+from collections.abc import Mapping
+import sys
+from typing import Any
+
+from geometry_msgs.msg import PoseArray
+from rclpy.task import Future
+from sensor_msgs.msg import PointCloud2
+from shape_msgs.msg import Mesh as MeshMessage
+from visualization_msgs.msg import Marker
+
+from ivfmc_ros.errors import BusyError
+from ivfmc_ros.errors import NotReadyError
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.model import View
+from ivfmc_ros.nodes import clouds
+from ivfmc_ros.nodes import jobs
+from ivfmc_ros.nodes import meshes
+from ivfmc_ros.nodes import poses
+from ivfmc_ros.nodes.base import CellNode
+from ivfmc_ros.nodes.base import run
+from ivfmc_ros.nodes.cell_source import CellSource
+from ivfmc_ros.nodes.health import Level
+from ivfmc_ros.nodes.stamps import nanoseconds
+from ivfmc_ros.pipeline import Settings
+from ivfmc_ros.worker import Worker
+
+FORMATS = ('stl', 'ply', 'obj')
+# Seconds without a further view, after which those that came are all.
+_QUIET_S = 3.0
+_LOOK_S = 0.1
+
+
+class Mesher(CellNode):
+    """Keeps the last view of each number, and on ``build`` makes one mesh of them."""
+
+    def __init__(self) -> None:
+        super().__init__('mesher')
+        self._settings = self._declare_parameters()
+        self._source = CellSource(self)
+        self._views: dict[int, tuple[int, View]] = {}
+        self._poses: PoseArray | None = None
+        self._heard_s = self.steady_s()
+        self._waiting: Future | None = None
+        self._busy = False
+        self._worker = Worker()
+        self.changed(self._change)
+        self._marker = self.publish_on(Marker, 'mesh')
+        self._shape = self.publish_on(MeshMessage, 'mesh_shape')
+        self.subscribe(PointCloud2, 'view', self._take_view)
+        self.subscribe(PoseArray, 'view_poses', self._take_poses)
+        self.trigger('build', self._build)
+        self.trigger('cancel', self._cancel)
+        self.steady_timer(_LOOK_S, self._look)
+
+    def _declare_parameters(self) -> Callable[[], Settings]:
+        self.parameter('scan_id', '', 'Name of the scan; another one begins without views.')
+        self.parameter('scan_folder', '', 'Folder for the mesh files; empty: none are written.')
+        self.parameter('formats', ['stl', 'ply'], f'Mesh files, of {", ".join(FORMATS)}.')
+        self.parameter(
+            'display_triangles', 50_000, 'Triangles that are shown.', low=100, high=1_000_000
+        )
+        self.check(_check_formats)
+        return self.settings(
+            Settings(),
+            ranges={'max_edge': (0.0, 1.0)},
+            only=('mesh.', 'max_edge', 'export_unit'),
+        )
+
+    def stop(self) -> None:
+        """End the worker."""
+        self._worker.close()
+        super().stop()
+
+    def _change(self, names: set[str]) -> None:
+        if 'scan_id' in names:
+            self._views.clear()
+            self._poses = None
+            self._source.reload()
+
+    def _take_view(self, message: PointCloud2) -> None:
+        view = clouds.to_view(message, 'view')
+        self._views[view.number] = nanoseconds(message.header.stamp), view
+        self._heard_s = self.steady_s()
+
+    def _take_poses(self, message: PoseArray) -> None:
+        self._poses = message
+        self._heard_s = self.steady_s()
+
+    def _cancel(self) -> Mapping[str, Any]:
+        if self._busy:
+            self._worker.kill()
+        return {'cancelled': self._busy}
+
+    async def _build(self) -> Mapping[str, Any]:
+        if self._busy:
+            raise BusyError('mesher: a mesh is being built')
+        self._busy = True
+        try:
+            views, message = await self._complete()
+            cell, settings = self._source.cell(), self._settings()
+            made = await self.in_thread(
+                self._worker.run,
+                jobs.build,
+                cell,
+                views,
+                poses.to_poses(message, views, 'view_poses'),
+                settings,
+                self.get('scan_folder'),
+                self.get('formats'),
+                self.get('display_triangles'),
+            )
+        finally:
+            self._busy = False
+        stamp = nanoseconds(message.header.stamp)
+        self._marker.publish(meshes.marker(made.vertices_xyz, made.faces, stamp))
+        self._shape.publish(meshes.mesh_shape(made.vertices_xyz, made.faces))
+        return {
+            'scan_id': self.get('scan_id'),
+            'unit': settings.export_unit,
+            'max_edge': made.max_edge,
+            'paths': made.paths,
+            'counts': made.counts,
+            'seconds': made.seconds,
+        }
+
+    async def _complete(self) -> tuple[list[View], PoseArray]:
+        """
+        Wait for the views that belong to the poses: they are large, and come in their own time.
+
+        :raises NotReadyError: no poses, or none of their views
+        """
+        self._heard_s = self.steady_s()
+        self._waiting = Future()
+        self._look()
+        await self._waiting
+        message = self._poses
+        if message is None:
+            raise NotReadyError(
+                f'mesher: none has come on {self.resolve_topic_name("view_poses")}; '
+                'call registrar/register first'
+            )
+        views = self._belonging(message)
+        if not views:
+            raise NotReadyError(f'mesher: none has come on {self.resolve_topic_name("view")}')
+        return views, message
+
+    def _belonging(self, message: PoseArray) -> list[View]:
+        """Return the views of the poses, by number."""
+        stamp = nanoseconds(message.header.stamp)
+        found = sorted(self._views.items())
+        return [
+            view for number, (at, view) in found if at == stamp and number < len(message.poses)
+        ]
+
+    def _look(self) -> None:
+        """Let a build go on when its views are complete, or nothing comes any more."""
+        if self._waiting is None or self._waiting.done():
+            return
+        message = self._poses
+        complete = message is not None and len(self._belonging(message)) == len(message.poses)
+        if complete or self.steady_s() - self._heard_s > _QUIET_S:
+            self._waiting.set_result(None)
+
+    def before_diagnosis(self) -> None:
+        """Tell what there is to build from."""
+        self.status(Level.OK, '', views=len(self._views), busy=self._busy)
+
+
+def _check_formats(values: Mapping[str, Any]) -> None:
+    wrong = [name for name in values.get('formats') or () if name not in FORMATS]
+    if wrong:
+        raise ParameterError(f'formats: {wrong[0]!r} is not one of {", ".join(FORMATS)}')
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run(Mesher))
+
+
+if __name__ == '__main__':
+    main()

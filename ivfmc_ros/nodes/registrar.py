@@ -1,0 +1,148 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+``registrar``: profiles in, views at their places out.
+
+It needs the profiles and nothing else: the motion of the table is fitted to their stamps and
+provisional angles, so that views are the same live and replayed.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+import sys
+from typing import Any
+
+from geometry_msgs.msg import PoseArray
+import numpy as np
+from sensor_msgs.msg import PointCloud2
+
+from ivfmc_ros.errors import BusyError
+from ivfmc_ros.errors import NoStripeError
+from ivfmc_ros.model import Profile
+from ivfmc_ros.model import View
+from ivfmc_ros.nodes import clouds
+from ivfmc_ros.nodes import jobs
+from ivfmc_ros.nodes import poses
+from ivfmc_ros.nodes.base import CellNode
+from ivfmc_ros.nodes.base import run
+from ivfmc_ros.nodes.cell_source import CellSource
+from ivfmc_ros.nodes.health import Level
+from ivfmc_ros.pipeline import Settings
+from ivfmc_ros.worker import Worker
+
+
+class Registrar(CellNode):
+    """Collects the profiles of a scan, and on ``register`` makes views of them."""
+
+    def __init__(self) -> None:
+        super().__init__('registrar')
+        self.parameter('scan_id', '', 'Name of the scan; another one begins without profiles.')
+        self._settings = self.settings(
+            Settings(),
+            ranges={'island_least': (1, 1_000_000)},
+            only=('island_least', 'registration'),
+        )
+        self._source = CellSource(self)
+        self._profiles: dict[int, Profile] = {}
+        self._stamp_ns = 0
+        self._busy = False
+        self._worker = Worker()
+        self.changed(self._change)
+        self._views = self.publish_on(PointCloud2, 'view')
+        self._poses = self.publish_on(PoseArray, 'view_poses')
+        self._cloud = self.publish_on(PointCloud2, 'cloud')
+        self.subscribe(PointCloud2, 'profile', self._take_profile)
+        self.trigger('reset', self._reset)
+        self.trigger('register', self._register)
+        self.trigger('cancel', self._cancel)
+
+    def stop(self) -> None:
+        """End the worker."""
+        self._worker.close()
+        super().stop()
+
+    def _change(self, names: set[str]) -> None:
+        if 'scan_id' in names:
+            self._reset()
+
+    def _take_profile(self, message: PointCloud2) -> None:
+        profile = clouds.to_profile(message, 'profile')
+        if profile.seq == 0 and self._profiles:
+            # seq 0 begins a scan, whoever forgot to say so
+            self._profiles.clear()
+        self._profiles[profile.seq] = profile
+        self._stamp_ns = max(self._stamp_ns, profile.stamp_ns) if profile.seq else profile.stamp_ns
+
+    def _reset(self) -> Mapping[str, Any]:
+        dropped = len(self._profiles)
+        self._profiles = {}
+        self._source.reload()
+        return {'dropped_profiles': dropped}
+
+    def _cancel(self) -> Mapping[str, Any]:
+        if self._busy:
+            self._worker.kill()
+        return {'cancelled': self._busy}
+
+    async def _register(self) -> Mapping[str, Any]:
+        if self._busy:
+            raise BusyError('registrar: the views are being registered')
+        if not self._profiles:
+            topic = self.resolve_topic_name('profile')
+            raise NoStripeError(f'registrar: no profile has come on {topic} since the last reset')
+        profiles = [self._profiles[seq] for seq in sorted(self._profiles)]
+        cell, settings = self._source.cell(), self._settings()
+        self._busy = True
+        try:
+            made = await self.in_thread(self._worker.run, jobs.register, cell, profiles, settings)
+        finally:
+            self._busy = False
+        self._publish(made)
+        return {
+            'scan_id': self.get('scan_id'),
+            'missing_profiles': _missing(self._profiles),
+            'views': [_summary(view) for view in made.views],
+            'verdicts': [asdict(verdict) for verdict in made.verdicts],
+            'motions': [asdict(motion) for motion in made.motions],
+            'counts': made.counts,
+            'seconds': made.seconds,
+        }
+
+    def _publish(self, made: jobs.Registered) -> None:
+        # one stamp for all, by which the mesher knows what belongs together
+        for view in made.views:
+            self._views.publish(clouds.from_view(view, self._stamp_ns))
+        self._poses.publish(poses.from_poses(made.views, made.poses, self._stamp_ns))
+        self._cloud.publish(clouds.from_views(made.views, made.poses, self._stamp_ns))
+
+    def before_diagnosis(self) -> None:
+        """Tell what has been collected."""
+        count, missing = len(self._profiles), _missing(self._profiles)
+        message = f'{missing} profiles are missing' if missing else ''
+        level = Level.WARN if missing else Level.OK
+        self.status(level, message, profiles=count, scan_id=self.get('scan_id'), busy=self._busy)
+
+
+def _missing(profiles: Mapping[int, Profile]) -> int:
+    """Return how many of the profiles up to the last one have not come."""
+    return max(profiles, default=-1) + 1 - len(profiles)
+
+
+def _summary(view: View) -> Mapping[str, Any]:
+    return {
+        'view': view.number,
+        'laser': view.laser,
+        'profiles': len(view.angles),
+        'points': int(np.count_nonzero(view.valid)),
+        'angle_from': float(view.angles[0]),
+        'angle_to': float(view.angles[-1]),
+    }
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run(Registrar))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,180 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Live throughput: how many pictures a second become profiles, and how long that takes."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+import subprocess
+import sys
+import tempfile
+import time
+from typing import Any
+
+from graph_rig import Client
+from graph_rig import node_environment
+from graph_rig import running
+import numpy as np
+from sensor_msgs.msg import PointCloud2
+
+from bench import at_least
+from bench import Number
+from ivfmc_ros.cell.cell_file import save_cell
+from ivfmc_ros.nodes.clouds import records_of
+from ivfmc_ros.nodes.stamps import nanoseconds
+from ivfmc_ros.simulation.bench import bench_cell
+from ivfmc_ros.simulation.parts import demo_part
+from ivfmc_ros.simulation.render import simulate_scan
+
+PARTS = Path(__file__).with_name('graph_parts.py')
+RATES = (20, 30, 40, 50, 60, 70, 80, 90, 100, 120, 150)
+SECONDS = 6.0
+FRAMES = 24
+EXPOSURE_S = 0.005
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What became of the pictures of one rate."""
+
+    rate: float
+    sent: int
+    took: float
+    got: int
+    gaps: int
+    latency_ms: Any
+
+    @property
+    def complete(self) -> bool:
+        return self.got == self.sent and not self.gaps
+
+    @property
+    def reached(self) -> float:
+        return self.sent / self.took
+
+    def __str__(self) -> str:
+        median, late = (np.percentile(self.latency_ms, q) for q in (50, 99))
+        return (
+            f'asked {self.rate:g}/s, sent {self.reached:.1f}/s, {self.got} of {self.sent} '
+            f'profiles, {self.gaps} gaps, latency {median:.1f} ms, 99 %: {late:.1f} ms'
+        )
+
+
+def run() -> Iterator[Number]:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        cell = bench_cell()
+        save_cell(folder / 'cell.yaml', cell)
+        frames = simulate_scan(cell, demo_part(), FRAMES, lasers=[0])
+        np.save(folder / 'frames.npy', np.stack([frame.image for frame in frames]))
+        yield from bare(folder)
+        yield from recorder_off(folder)
+
+
+def bare(folder: Path) -> Iterator[Number]:
+    """What a Python subscriber that does nothing takes in, of what a Python camera gives out."""
+    best = 0.0
+    for rate in RATES:
+        with (
+            part('listener') as listener,
+            part('source', folder / 'frames.npy', 'still') as source,
+        ):
+            sent, took = asked(source, rate, SECONDS)
+            got = int(listener.stdout.readline())
+        print(f'bare: asked {rate}/s, sent {sent / took:.1f}/s, {got} of {sent} pictures')
+        if got < sent:
+            break
+        best = max(best, sent / took)
+    BEST['bare'] = best
+    yield Number('bare_subscriber', best, 'frames/s', None, 'a Python subscriber that only counts')
+
+
+def recorder_off(folder: Path) -> Iterator[Number]:
+    trials = triangulated(folder)
+    best = max((t for t in trials if t.complete), key=lambda t: t.reached, default=None)
+    reached = best.reached if best else 0.0
+    yield Number('triangulator', reached, 'frames/s', at_least(60.0), 'no profile missing')
+    share = reached / BEST['bare'] if BEST['bare'] else 0.0
+    yield Number('share_of_bare', share, '', at_least(0.5), 'of what a bare subscriber reaches')
+    steady = [t for t in trials if t.complete and t.rate <= 60]
+    for trial in steady[-1:]:
+        note = f'stamp to profile at {trial.rate:g} frames/s, lasers reported at 10 Hz'
+        yield Number(
+            'latency_median', float(np.percentile(trial.latency_ms, 50)), 'ms', None, note
+        )
+        yield Number('latency_p99', float(np.percentile(trial.latency_ms, 99)), 'ms', None, note)
+
+
+BEST: dict[str, float] = {}
+
+
+def triangulated(folder: Path) -> list[Trial]:
+    """The trials at rising rates, up to the first that loses something."""
+    parameters = {'cell': str(folder / 'cell.yaml'), 'exposure': EXPOSURE_S}
+    trials: list[Trial] = []
+    client = Client()
+    try:
+        profiles = client.collect(PointCloud2, 'profile')
+        with (
+            running('triangulator', **parameters),
+            part('source', folder / 'frames.npy', 'turning') as source,
+        ):
+            client.until(lambda: client.node.count_subscribers('image_raw'), 20.0)
+            # to be found and to adapt takes a moment
+            client.spin(2.0)
+            for number, rate in enumerate(RATES):
+                assert client.set('triangulator', scan_id=f'trial {number}').successful
+                trials.append(trial(client, source, profiles, rate))
+                print(trials[-1])
+                print(client.diagnostic('triangulator'))
+                if not trials[-1].complete:
+                    break
+    finally:
+        client.close()
+    return trials
+
+
+def trial(client: Client, source: Any, profiles: list[Any], rate: float) -> Trial:
+    profiles.clear()
+    latency, seqs = [], []
+    source.stdin.write(f'{rate} {SECONDS}\n')
+    source.stdin.flush()
+    begin = time.monotonic()
+    done, quiet = 0, begin
+    while time.monotonic() < begin + SECONDS + 2.0 or time.monotonic() < quiet + 1.0:
+        client.executor.spin_once(timeout_sec=0.05)
+        for message in profiles[done:]:
+            latency.append((time.time_ns() - nanoseconds(message.header.stamp)) * 1e-6)
+            seqs.append(int(records_of(message, '', ('seq',))['seq'][0, 0]))
+            quiet = time.monotonic()
+        done = len(profiles)
+    sent, took = source.stdout.readline().split()
+    gaps = int(np.count_nonzero(np.diff(seqs) != 1)) + (seqs[:1] != [0])
+    return Trial(rate, int(sent), float(took), len(seqs), gaps, np.array(latency or [np.nan]))
+
+
+@contextmanager
+def part(kind: str, *arguments: Any) -> Iterator[Any]:
+    process = subprocess.Popen(
+        [sys.executable, str(PARTS), kind, *map(str, arguments)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=node_environment(),
+    )
+    try:
+        assert process.stdout.readline() == 'ready\n'
+        time.sleep(1.0)
+        yield process
+    finally:
+        process.stdin.close()
+        process.terminate()
+        process.wait(10)
+
+
+def asked(source: Any, rate: float, seconds: float) -> tuple[int, float]:
+    source.stdin.write(f'{rate} {seconds}\n')
+    source.stdin.flush()
+    sent, took = source.stdout.readline().split()
+    return int(sent), float(took)

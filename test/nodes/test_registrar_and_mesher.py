@@ -1,0 +1,176 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+import json
+import time
+
+from geometry_msgs.msg import PoseArray
+from graph_rig import running
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import PointCloud2
+from shape_msgs.msg import Mesh as MeshMessage
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker
+
+from ivfmc_ros import pipeline
+from ivfmc_ros.cell.camera_file import save_camera
+from ivfmc_ros.nodes import clouds
+from ivfmc_ros.stripe.acquisition import Acquisition
+from ivfmc_ros.stripe.acquisition import AcquisitionSettings
+from ivfmc_ros.stripe.sampling import SampledAcquisition
+
+
+@pytest.fixture(scope='session')
+def camera_file(cell, tmp_path_factory):
+    path = tmp_path_factory.mktemp('camera') / 'camera.yaml'
+    save_camera(path, cell.camera)
+    return path
+
+
+@pytest.fixture(scope='session')
+def profiles(cell, frames):
+    stream = SampledAcquisition(Acquisition(cell, AcquisitionSettings()))
+    found = []
+    for seq, frame in enumerate(frames):
+        found += stream.add(type(frame)(**{**vars(frame), 'seq': seq, 'stamp_ns': 1000 + seq}))
+    return [profile for _, profile in found]
+
+
+def publish(client, profiles):
+    publisher = client.publisher(PointCloud2, 'profile')
+    client.until(publisher.get_subscription_count)
+    for profile in profiles:
+        publisher.publish(clouds.from_profile(profile))
+        client.spin(0.0)
+
+
+def test_live_views_are_those_of_the_pipeline_and_become_a_mesh(
+    client, cell, cell_file, camera_file, profiles, tmp_path
+):
+    found = client.collect(PointCloud2, 'view')
+    placed = client.collect(PoseArray, 'view_poses')
+    markers = client.collect(Marker, 'mesh')
+    shapes = client.collect(MeshMessage, 'mesh_shape')
+    files = {'cell': str(cell_file), 'camera': str(camera_file)}
+    with running('registrar', **files), running('mesher', **files, display_triangles=500):
+        client.until(lambda: client.node.count_subscribers('view_poses') == 2)
+        assert client.set('mesher', scan_folder=str(tmp_path)).successful
+        publish(client, profiles)
+        client.until(lambda: f'profiles: {len(profiles)}' in client.diagnostic('registrar'))
+        good, registered = client.trigger('registrar/register')
+        assert good, registered
+        good, built = client.trigger('mesher/build')
+        assert good, built
+        client.until(lambda: found[1:] and placed and markers and shapes)
+        again, refused = client.trigger('mesher/build')
+        assert not again
+        assert refused['code'] == 'BAD_FILE'
+    expected, _, counts = pipeline.views_of(cell, profiles, pipeline.Settings())
+    assert registered['counts']['kept_points'] == counts['kept_points']
+    assert registered['missing_profiles'] == 0
+    for message, view in zip(found, expected, strict=True):
+        live = clouds.to_view(message, 'view')
+        np.testing.assert_array_equal(live.valid, view.valid)
+        np.testing.assert_allclose(live.points_xyz, view.points_xyz, rtol=0, atol=1e-8)
+        np.testing.assert_array_equal(live.seqs, view.seqs)
+    assert len(placed[0].poses) == len(expected)
+    assert (tmp_path / 'mesh.stl').stat().st_size == 84 + 50 * built['counts']['faces']
+    assert len(markers[0].points) == 3 * built['counts']['shown_faces'] <= 1500
+    assert len(shapes[0].triangles) == built['counts']['shown_faces']
+
+
+def test_what_is_missing_is_named(client, cell_file, camera_file, profiles):
+    with running('registrar', cell=str(cell_file)), running('mesher', cell=str(cell_file)):
+        good, answer = client.trigger('registrar/register')
+        assert (good, answer['code']) == (False, 'NO_STRIPE')
+        assert '/ivfmc/profile' in answer['detail']
+        good, answer = client.trigger('mesher/build')
+        assert (good, answer['code']) == (False, 'NOT_READY')
+        assert 'view_poses' in answer['detail']
+        publish(client, profiles[:3])
+        client.until(lambda: 'profiles: 3' in client.diagnostic('registrar'))
+        good, answer = client.trigger('registrar/register')
+        assert (good, answer['code']) == (False, 'NOT_READY')
+        assert 'camera_info' in answer['detail']
+        assert client.trigger('registrar/reset') == (True, {'code': 'OK', 'dropped_profiles': 3})
+
+
+def test_a_cloud_without_the_fields_is_refused_by_name(client, cell_file, camera_file, profiles):
+    with running('registrar', cell=str(cell_file), camera=str(camera_file)):
+        publisher = client.publisher(PointCloud2, 'profile')
+        client.until(publisher.get_subscription_count)
+        message = clouds.from_profile(profiles[0])
+        message.fields = [field for field in message.fields if field.name != 'sigma']
+        publisher.publish(message)
+        client.until(lambda: "field 'sigma' is missing" in client.diagnostic('registrar'))
+        message = clouds.from_profile(profiles[0])
+        message.is_bigendian = True
+        publisher.publish(message)
+        client.until(lambda: 'is big-endian' in client.diagnostic('registrar'))
+        publish(client, profiles[:2])
+        client.until(lambda: 'big-endian' not in client.diagnostic('registrar'))
+        client.until(lambda: 'profiles: 2' in client.diagnostic('registrar'))
+
+
+def test_hearts_beat_while_a_mesh_is_built_and_a_cancelled_build_says_so(
+    client, cell_file, camera_file, profiles
+):
+    files = {'cell': str(cell_file), 'camera': str(camera_file)}
+    beats = []
+    with running('registrar', **files), running('mesher', **files):
+        client.node.create_subscription(
+            Header, 'mesher/heartbeat', lambda _: beats.append(time.monotonic()), 100
+        )
+        client.until(lambda: client.node.count_subscribers('view_poses') == 1)
+        publish(client, profiles)
+        client.until(lambda: f'profiles: {len(profiles)}' in client.diagnostic('registrar'))
+        assert client.trigger('registrar/register')[0]
+        requests = client.node.create_client(Trigger, 'mesher/build')
+        client.until(requests.service_is_ready)
+        future = requests.call_async(Trigger.Request())
+        second = client.trigger('mesher/build')
+        assert second[1]['code'] == 'BUSY'
+        # as soon as the views are there and the worker has the job
+        client.until(lambda: 'views: 2' in client.diagnostic('mesher'))
+        assert client.trigger('mesher/cancel')[1]['cancelled']
+        client.until(future.done)
+        answer = json.loads(future.result().message)
+        assert answer['code'] in ('CANCELLED', 'OK')
+        assert client.trigger('mesher/build')[0]
+    assert max(np.diff(beats)) < 1.0
+
+
+def test_parameters_that_make_no_sense_are_refused_by_name(client):
+    with running('registrar'), running('mesher'):
+        for node, name, value in (
+            ('registrar', 'registration', 'magic'),
+            ('registrar', 'island_least', 0),
+            ('mesher', 'max_edge', float('nan')),
+            ('mesher', 'max_edge', -0.1),
+            ('mesher', 'export_unit', 'yard'),
+            ('mesher', 'formats', ['step']),
+            ('mesher', 'display_triangles', 5),
+        ):
+            answer = client.set(node, **{name: value})
+            assert not answer.successful
+            assert name in answer.reason
+
+
+def test_meshes_as_bytes_are_what_rclpy_would_have_written():
+    from ivfmc_ros.nodes import meshes
+
+    vertices = np.random.default_rng(1).normal(size=(5, 3))
+    faces = np.array([[0, 1, 2], [2, 3, 4]])
+    marker = deserialize_message(meshes.marker(vertices, faces, 7), Marker)
+    corners = np.array([[point.x, point.y, point.z] for point in marker.points])
+    np.testing.assert_array_equal(corners, vertices[faces.ravel()])
+    assert marker.header.frame_id == 'turntable'
+    assert marker.header.stamp.nanosec == 7
+    assert marker.color.a == 1.0
+    shape = deserialize_message(meshes.mesh_shape(vertices, faces), MeshMessage)
+    assert [list(t.vertex_indices) for t in shape.triangles] == faces.tolist()
+    np.testing.assert_array_equal([[v.x, v.y, v.z] for v in shape.vertices], vertices)
+    assert CameraInfo is not None
