@@ -104,9 +104,7 @@ class Conversation:
             pending.error = error
             pending.done.set()
 
-    def _begin(
-        self, text: str, then: Callable[[], None] | None, epoch: int | None
-    ) -> Pending:
+    def _begin(self, text: str, then: Callable[[], None] | None, epoch: int | None) -> Pending:
         with self._free:
             deadline = time.monotonic() + _PATIENCE
             while self._pending is not None:

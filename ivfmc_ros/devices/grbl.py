@@ -14,6 +14,7 @@ from ivfmc_ros.devices.axis_units import AxisUnits
 from ivfmc_ros.devices.board import BoardState
 from ivfmc_ros.devices.board import Limits
 from ivfmc_ros.devices.conversation import Conversation
+from ivfmc_ros.devices.grbl_monitor import CONNECTING
 from ivfmc_ros.devices.grbl_monitor import GrblMonitor
 from ivfmc_ros.devices.serial_line import SerialLine
 from ivfmc_ros.errors import BoardAlarmError
@@ -91,10 +92,12 @@ class GrblBoard:
             try:
                 self._await_start()
                 self._read_settings()
-                if self._monitor.alarm is None:
+                if self._monitor.alarm == CONNECTING:
                     self._prepare()
+                    self._monitor.cleared()
             except DeviceError:
                 self._line.close()
+                self._monitor.lose()
                 raise
 
     def close(self) -> None:

@@ -17,6 +17,7 @@ from ivfmc_ros.devices.ramp import Motion
 
 POSITION_LOST = 'POSITION_LOST'
 BOARD_LOST = 'BOARD_LOST'
+CONNECTING = 'CONNECTING'
 
 _ASK_MOVING, _ASK_STANDING, _ASK_WAITING = 0.125, 0.25, 0.06  # seconds from question to question
 _SILENCE = 1.5  # seconds
@@ -49,6 +50,7 @@ class GrblMonitor:
         self._follower = Follower()
         self._state = ''
         self._announced: Motion | None = None
+        self._doubted = False
         self._known = False  # the position was reported since the port was opened
         self._landing: float | None = None  # board units where the last motion should have ended
         self._reported, self._reported_ns = 0.0, 0
@@ -167,7 +169,7 @@ class GrblMonitor:
         """The port is about to be opened, which resets many boards."""
         with self._news:
             self._started, self.lost, self.locked = False, False, False
-            self.alarm = None
+            self.alarm = CONNECTING
             self.settings.clear()
             self._state, self._known = '', False
             self.expect_start()
@@ -181,7 +183,7 @@ class GrblMonitor:
     def announce(self, plan: Motion) -> None:
         """A move is about to be sent."""
         with self._news:
-            self._announced, self._landing = plan, None
+            self._announced, self._landing, self._doubted = plan, None, False
 
     def withdraw(self) -> None:
         """The move was not accepted."""
@@ -311,7 +313,12 @@ class GrblMonitor:
             if late and not self._follower.standing and not self._waiting:
                 self._landing = self._follower.target
             if self._landing is not None and abs(units - self._landing) > _TOLERANCE:
+                if not self._doubted:
+                    # a digit may have got lost: the next report decides
+                    self._doubted = True
+                    return
                 self.alarm = self.alarm or POSITION_LOST
+            self._doubted = False
             self._landing = None
             self._stand(units)
             self._held = True
@@ -323,7 +330,7 @@ class GrblMonitor:
     def _judge_state(self, report: grbl_text.Report) -> None:
         if report.state == 'Alarm':
             self.locked = True
-            self.alarm = self.alarm or 'LOCKED'
+            self.alarm = 'LOCKED' if self.alarm in (None, CONNECTING) else self.alarm
         elif report.state in ('Door', 'Check', 'Sleep'):
             self.alarm = self.alarm or report.state.upper()
         elif report.state == 'Hold' and not self._waiting:

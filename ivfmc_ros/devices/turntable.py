@@ -169,7 +169,7 @@ class TurntableDriver:
 
     def _must_cut(self, beam: Beam, state: BoardState, lit: bool) -> bool:
         if state.alarm is not None:
-            return lit and state.alarm != 'BOARD_LOST'
+            return lit and state.alarm not in ('BOARD_LOST', 'CONNECTING')
         # a table that stands is no hurry: the other thread turns the laser off
         return lit and beam.urgent and state.moving
 

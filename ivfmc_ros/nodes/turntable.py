@@ -27,6 +27,8 @@ from ivfmc_ros.nodes.health import Level
 from ivfmc_ros.nodes.lifecycle import LifecycleCellNode
 
 _LASER_PERIOD_NS = 100_000_000
+# alarms in which nothing is known of the position
+_SILENT = ('BOARD_LOST', 'CONNECTING')
 _OLD_NS = 1_000_000_000  # a keep-alive that was so long on its way vouches for nothing
 
 
@@ -224,7 +226,7 @@ class TurntableNode(LifecycleCellNode):
         if driver is None:
             return
         state = driver.state()
-        if self.get('table') and state.alarm != 'BOARD_LOST':
+        if self.get('table') and state.alarm not in _SILENT:
             self._joint_states.publish(
                 joint_state(state.stamp_ns, [self._joint], [state.position], [state.velocity])
             )
