@@ -53,7 +53,7 @@ class Settings:
     How a scan is reconstructed. Lengths are metres.
 
     island_least : a piece of surface of fewer points is a flying one
-    registration : table, paper or point_to_plane
+    registration : table, paper, point_to_plane or joint
     mesh : how views become a mesh
     max_edge : the paper's threshold on a triangle's edges; None for 5 point spacings
     export_unit : of the mesh and cloud files: m, mm or inch
@@ -61,7 +61,7 @@ class Settings:
 
     acquisition: AcquisitionSettings = field(default_factory=AcquisitionSettings)
     island_least: int = 100
-    registration: str = 'point_to_plane'
+    registration: str = 'joint'
     mesh: MeshSettings = field(default_factory=MeshSettings)
     max_edge: float | None = None
     export_unit: str = 'mm'

@@ -35,7 +35,7 @@ _OPTIONS = (
                  help='Neighbours on the stripe farther apart than this are not one surface.'),
     click.option('--island', type=int, default=100, show_default=True, metavar='POINTS',
                  help='A piece of surface with fewer points is noise.'),
-    click.option('--registration', type=click.Choice(METHODS), default='point_to_plane',
+    click.option('--registration', type=click.Choice(METHODS), default='joint',
                  show_default=True, help='How views are brought together.'),
     click.option('--max-edge', type=float, metavar='MM',
                  help='Longest edge of a triangle.  [default: 5 point spacings]'),

@@ -3,7 +3,6 @@
 """Where each view belongs: the table's word, checked by ICP where views overlap."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,9 +14,14 @@ from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
 from ivfmc_ros.registration.icp import icp
 from ivfmc_ros.registration.icp import IcpResult
+from ivfmc_ros.registration.prior import TablePrior
+from ivfmc_ros.registration.table import joint_poses
+from ivfmc_ros.registration.verdict import Verdict
 from ivfmc_ros.registration.views import grid_normals
 
-METHODS = ('table', 'paper', 'point_to_plane')
+__all__ = ['METHODS', 'Verdict', 'align']
+
+METHODS = ('table', 'paper', 'point_to_plane', 'joint')
 
 # A view that shares less than this with those before it is not moved.
 _MIN_OVERLAP = 0.2
@@ -26,46 +30,25 @@ _MIN_GAIN = 0.95
 _MAX_POINTS = 60_000
 
 
-@dataclass(frozen=True, kw_only=True)
-class Verdict:
-    """
-    What became of one view.
-
-    applied : the view was moved; otherwise it stays where the table put it, and why says so
-    overlap : share of the view's points with a partner in the views before it
-    rms_before, rms_after : metres, of the partners' distances along the surface's normal
-    rotation, translation : radians and metres of what ICP found
-    """
-
-    view: int
-    applied: bool
-    why: str
-    overlap: float = 0.0
-    rms_before: float = float('nan')
-    rms_after: float = float('nan')
-    rotation: float = 0.0
-    translation: float = 0.0
-
-    @property
-    def checked(self) -> bool:
-        """Enough surface was shared with the views before it to tell where it belongs."""
-        return self.overlap >= _MIN_OVERLAP
-
-
 def align(
-    views: Sequence[View], method: str, reach: float = 1.5e-3
+    views: Sequence[View], method: str, reach: float = 1.5e-3, prior: TablePrior | None = None
 ) -> tuple[Poses, list[Verdict]]:
     """
     Find the pose of every view, with the table's angle as the first guess.
 
-    The first view defines the frame; each further one is moved onto those before it.
+    The first view defines the frame. With 'paper' (point-to-point ICP) and 'point_to_plane'
+    each further one is moved onto those before it; 'joint' moves all at once, as far as they
+    tell more than the prior; 'table' believes the table.
 
-    method : 'table' believes the table, 'paper' is point-to-point ICP, 'point_to_plane' the other
     reach : metres, points farther apart are no partners
+    prior : how far the table may err, for 'joint'
     :raises ParameterError: no such method
+    :raises GeometryError: a view has points that no table carries
     """
     if method not in METHODS:
         raise ParameterError(f'registration: {method!r} is not one of {", ".join(METHODS)}')
+    if method == 'joint':
+        return joint_poses(views, prior or TablePrior(), reach)
     poses = [np.eye(4) for _ in views]
     verdicts = [Verdict(view=view.number, applied=False, why='reference') for view in views[:1]]
     known = [_oriented(view) for view in views[:1]]
@@ -116,6 +99,7 @@ def _place(
         rms_after=found.rms_after,
         rotation=float(np.arccos(cosine)),
         translation=float(np.linalg.norm(T[:3, 3])),
+        converged=found.converged,
     )
     return verdict, T if verdict.applied else np.eye(4)
 

@@ -1,0 +1,126 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Views as they were measured: pixel, table angle, laser.
+
+A point follows from these and from the cell, so that a changed cell gives the changed point
+exactly, and the derivative with it.
+"""
+
+from dataclasses import dataclass
+from dataclasses import replace
+
+import numpy as np
+
+from ivfmc_ros.cell import transforms
+from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.errors import GeometryError
+from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Ints
+from ivfmc_ros.model import View
+from ivfmc_ros.registration.unknowns import CellUnknowns
+from ivfmc_ros.stripe.triangulate import sensitivity
+
+# Share of its prior's sigma by which an unknown is changed for a derivative.
+_PROBE = 0.5
+# By so many sigmas of its points a view may differ from what the cell makes of its pixels.
+_SAME = 1e-6  # metres
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Measured:
+    """
+    The valid points of a view.
+
+    rays : (n, 3) of unit depth, ``camera_optical_frame``; angles : (n,) radians as reported
+    way : 1 if the table turned to rising angles, -1 to falling
+    """
+
+    view: View
+    rays: Floats
+    angles: Floats
+    way: float
+
+    def points(
+        self, unknowns: CellUnknowns, values: Floats, cell: Cell, which: Ints | None = None
+    ) -> Floats:
+        """Return (n, 3) metres, ``turntable``, of all or some points; ``cell`` has the values."""
+        chosen = slice(None) if which is None else which
+        angles = self.angles[chosen]
+        angles = angles + unknowns.angle_error(values, angles, self.way)
+        seen = cell.lasers[self.view.laser].intersect(self.rays[chosen])
+        base = transforms.apply(transforms.invert(cell.turntable.camera_from_base), seen)
+        return turned_back(base, angles)
+
+
+def measured(cell: Cell, view: View) -> Measured:
+    """
+    Return a view as it was measured.
+
+    :raises GeometryError: its points are not what the cell makes of its pixels
+    """
+    valid = view.valid
+    found = Measured(
+        view=view,
+        rays=cell.camera.rays(view.uv[valid]),
+        angles=np.broadcast_to(view.angles, valid.shape)[valid],
+        way=_way(view),
+    )
+    seen = cell.lasers[view.laser].intersect(found.rays)
+    base = transforms.apply(transforms.invert(cell.turntable.camera_from_base), seen)
+    differ = np.abs(turned_back(base, found.angles) - view.points_xyz[valid])
+    if differ.size and not differ.max() < _SAME:
+        raise GeometryError(
+            f'view {view.number}: its points are not what the cell makes of its pixels; '
+            'refine with the cell that the scan was reconstructed with'
+        )
+    return found
+
+
+def slopes(found: Measured, unknowns: CellUnknowns, which: Ints) -> Floats:
+    """Return (n, C, 3) by how many metres some points move per unknown of the cell."""
+    sigma = unknowns.sigma
+    columns = [np.empty((len(which), 0, 3))]
+    for index, step in enumerate(_PROBE * sigma):
+        if step == 0.0:
+            columns.append(np.zeros((len(which), 1, 3)))
+            continue
+        probe = np.zeros(len(sigma))
+        probe[index] = step
+        ahead, behind = (
+            found.points(unknowns, way, unknowns.corrected(way), which) for way in (probe, -probe)
+        )
+        columns.append(((ahead - behind) / (2.0 * step))[:, None])
+    return np.concatenate(columns, axis=1)
+
+
+def refined_view(found: Measured, unknowns: CellUnknowns, values: Floats) -> View:
+    """Return the view as the changed cell sees it: other points, angles and sigmas."""
+    view, cell = found.view, unknowns.corrected(values)
+    points = np.full_like(view.points_xyz, np.nan)
+    points[view.valid] = found.points(unknowns, values, cell)
+    error = unknowns.angle_error(values, view.angles, found.way)
+    return replace(view, points_xyz=points, angles=view.angles + error)
+
+
+def turned_back(base_xyz: Floats, angles: Floats) -> Floats:
+    """Return (n, 3) points of ``turntable_base`` in ``turntable`` at (n,) radians."""
+    cosine, sine = np.cos(angles), np.sin(angles)
+    x, y, z = base_xyz.T
+    return np.stack([cosine * x + sine * y, cosine * y - sine * x, z], axis=1)
+
+
+def along_normal(cell: Cell, view: View) -> Floats:
+    """Return (points, 3) unit error directions of the valid points, ``turntable``."""
+    valid = view.valid
+    moves = sensitivity(cell, cell.lasers[view.laser], view.uv[valid])
+    base = moves @ cell.turntable.camera_from_base[:3, :3]
+    angles = np.broadcast_to(view.angles, valid.shape)[valid]
+    part = turned_back(base, angles)
+    return np.asarray(part / np.linalg.norm(part, axis=1, keepdims=True))
+
+
+def _way(view: View) -> float:
+    """Return the sense in which a sweep ran: seqs count up in time, columns in angle."""
+    steps = np.diff(view.seqs)
+    return -1.0 if len(steps) and np.median(steps) < 0 else 1.0

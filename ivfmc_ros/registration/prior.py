@@ -1,0 +1,81 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How much a table, and the cell around it, may err: the prior of the registration."""
+
+from dataclasses import dataclass
+from dataclasses import fields
+import math
+
+import numpy as np
+
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.model import Floats
+
+# Two lasers that are 66 degrees apart see no higher order well.
+_MOST_ORDERS = 11
+
+
+@dataclass(frozen=True, kw_only=True)
+class TablePrior:
+    """
+    1 sigma of where a view belongs against where the table says, in ``turntable``.
+
+    angle : radians about the axis (slip of table or part); tilt : radians about x and y (wobble)
+    offset : metres along x and y; height : metres along z
+    0 allows nothing.
+    """
+
+    angle: float = math.radians(0.2)
+    tilt: float = math.radians(0.05)
+    offset: float = 2e-4
+    height: float = 5e-5
+
+    def __post_init__(self) -> None:
+        require_sigmas(self)
+
+    @property
+    def sigma(self) -> Floats:
+        """(6,) rotation vector in radians, translation in metres."""
+        tilt, offset = self.tilt, self.offset
+        return np.array([tilt, tilt, self.angle, offset, offset, self.height])
+
+
+@dataclass(frozen=True, kw_only=True)
+class CellPrior:
+    """
+    1 sigma of what a calibration may have left wrong, radians and metres.
+
+    axis_offset, axis_tilt : of the axis, across it
+    angle : of each coefficient of the table's periodic angle error; orders : how many of them
+    backlash : between sweeps of opposite direction
+    laser_tilt, laser_offset : of each plane, about and from the middle of the volume
+    """
+
+    axis_offset: float = 1e-4
+    axis_tilt: float = math.radians(0.05)
+    angle: float = math.radians(0.1)
+    orders: int = 6
+    backlash: float = math.radians(0.05)
+    laser_tilt: float = math.radians(0.05)
+    laser_offset: float = 5e-5
+
+    def __post_init__(self) -> None:
+        require_sigmas(self)
+        if not 1 <= self.orders <= _MOST_ORDERS:
+            raise ParameterError(
+                f'prior: orders: {self.orders} is out of range; it must be 1 to {_MOST_ORDERS}'
+            )
+
+
+def require_sigmas(prior: object) -> None:
+    """
+    Refuse a prior dataclass with a sigma that is none.
+
+    :raises ParameterError: names the sigma
+    """
+    for field in fields(prior):  # type: ignore[arg-type]
+        value = getattr(prior, field.name)
+        if not (math.isfinite(value) and value >= 0.0):
+            raise ParameterError(
+                f'prior: {field.name}: {value} is no standard deviation; it must be 0 or more'
+            )
