@@ -17,25 +17,20 @@ from pathlib import Path
 import queue
 import threading
 import time
-from typing import Any
 from typing import IO
-
-from mcap.writer import CompressionType
-from mcap.writer import Writer
 
 from ivfmc_ros import files
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.storage import bag_writer
 from ivfmc_ros.storage import cdr
 from ivfmc_ros.storage import metadata
+from ivfmc_ros.storage.chunk_file import ChunkFile
 
 PART_NAME = f'{bag_writer.FILE_NAME}.part'
 
 # A chunk holds what came within so many seconds or bytes: what is not in a chunk is not readable.
 _FLUSH_S = 0.25
 _CHUNK_BYTES = 8 * 1024 * 1024
-# Chunks end when this module says so, never inside the library.
-_NEVER = 1 << 40
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,11 +129,7 @@ class LiveRecorder:
         self._chunk: list[tuple[_Item, int]] = []
         self._chunk_bytes = 0
         self._stream = _begin(folder)
-        kind = CompressionType.ZSTD if compress else CompressionType.NONE
-        self._mcap: Any = Writer(
-            self._stream, chunk_size=_NEVER, compression=kind, enable_data_crcs=True
-        )
-        self._mcap.start(profile='ros2', library='ivfmc_ros')
+        self._mcap = ChunkFile(self._stream, compress=compress)
         self._stream.flush()
         self._thread = threading.Thread(target=self._run, name='recorder', daemon=True)
         self._thread.start()
@@ -203,7 +194,7 @@ class LiveRecorder:
         try:
             self._write_all()
             self._finish()
-        except (OSError, FileError) as error:
+        except Exception as error:
             reason = getattr(error, 'strerror', None) or error
             self.error = f'{self.folder / PART_NAME}: cannot be written: {reason}'
             self._drain()
@@ -230,9 +221,7 @@ class LiveRecorder:
         topic = self._topics.get(item.topic) or self._open(item)
         if topic.channel.msgtype != item.msgtype:
             raise FileError(f'{item.topic} holds {topic.channel.msgtype}, not {item.msgtype}')
-        self._mcap.add_message(
-            topic.id, item.log_time_ns, item.data, item.log_time_ns, sequence=topic.count
-        )
+        self._mcap.add(topic.id, item.log_time_ns, item.data, topic.count)
         self._chunk.append((item, topic.count))
         self._chunk_bytes += len(item.data)
         topic.count += 1
@@ -249,9 +238,9 @@ class LiveRecorder:
             latched=item.latched,
         )
         if item.msgtype not in self._schemas:
-            text = cdr.definition(item.msgtype).encode()
-            self._schemas[item.msgtype] = self._mcap.register_schema(item.msgtype, 'ros2msg', text)
-        number = self._mcap.register_channel(
+            text = cdr.definition(item.msgtype)
+            self._schemas[item.msgtype] = self._mcap.schema(item.msgtype, text)
+        number = self._mcap.channel(
             item.topic,
             cdr.ENCODING,
             self._schemas[item.msgtype],
@@ -266,8 +255,7 @@ class LiveRecorder:
     def _flush(self) -> None:
         if not self._chunk:
             return
-        offset = self._stream.tell()
-        self._mcap.flush()
+        offset = self._mcap.flush()
         places = [
             Place(
                 mark=item.mark,
@@ -295,7 +283,7 @@ class LiveRecorder:
             for topic in self._topics.values()
         ]
         info = metadata.information(bag_writer.FILE_NAME, channels, *(self._span or (0, 0)))
-        self._mcap.add_metadata('rosbag2', {'serialized_metadata': metadata.dump(info)})
+        self._mcap.metadata('rosbag2', {'serialized_metadata': metadata.dump(info)})
         self._mcap.finish()
         self._stream.flush()
         os.fsync(self._stream.fileno())
