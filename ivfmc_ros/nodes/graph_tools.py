@@ -37,6 +37,8 @@ _FOREVER = 24 * 3600.0
 _MESHING = 3600.0
 _SLACK = 15.0
 _COMING_UP = 15.0
+# so many profiles tell how fast they come
+_RATED = 6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,6 +170,29 @@ class GraphTools:
             )
 
         await self._until(there, self.context.patience, f'a profile of view {view}', 'NO_PROFILE')
+
+    async def rate(self, sweep: Sweep) -> float:
+        """Return how many profiles a second come of the laser that shines, the table standing."""
+        wanted = max(sweep.views)
+
+        def stamps() -> list[int]:
+            heads = self._link.latest()
+            return sorted(h.stamp_ns for h in heads if h.view == wanted)[-_RATED:]
+
+        await self._until(
+            lambda: len(stamps()) == _RATED,
+            self.context.patience,
+            f'the first profiles of view {wanted}',
+            'NO_PROFILE',
+        )
+        first, *_, last = stamps()
+        rate = (_RATED - 1) / max((last - first) * 1e-9, 1e-3)
+        if rate < 0.9 * self.context.motion.profile_rate:
+            self._node.get_logger().warning(
+                f'{rate:.1f} profiles a second come, not {self.context.motion.profile_rate:.1f}; '
+                'the table turns slower'
+            )
+        return rate
 
     async def settled(self, sweep: Sweep) -> None:
         """Return when every picture of the sweep has become a profile."""

@@ -44,6 +44,9 @@ class Tools(Protocol):
     async def profile_of(self, view: int) -> None:
         """Return when a view has its profile of where the table stands."""
 
+    async def rate(self, sweep: Sweep) -> float:
+        """Return how many profiles a second come of the laser that shines, the table standing."""
+
     async def settled(self, sweep: Sweep) -> None:
         """Return when every picture of the sweep has become a profile."""
 
@@ -156,7 +159,8 @@ async def _smoothly(sweep: Sweep, motion: Motion, tools: Tools) -> None:
     tools.dark()
     await tools.move(begin, motion.velocity)
     await tools.light(sweep.lasers[0])
-    await tools.move(end, sweep.velocity)
+    velocity = sweep.slowed(await tools.rate(sweep))
+    await tools.move(end, velocity)
     await tools.settled(sweep)
     tools.dark()
 

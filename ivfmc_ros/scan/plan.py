@@ -73,6 +73,10 @@ class Sweep:
         step = self.span / self.profiles
         return [self.start + index * step for index in range(self.profiles)]
 
+    def slowed(self, rate: float) -> float:
+        """Return the velocity, rad/s, at which so many profiles a second are not too few."""
+        return min(self.velocity, self.span / self.profiles * rate)
+
     def lead(self, motion: Motion) -> float:
         """Return how far before the first profile the table starts to move, radians."""
         ramp = 0.5 * self.velocity**2 / motion.acceleration

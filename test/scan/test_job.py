@@ -22,6 +22,7 @@ class FakeTools:
         self.machine = machine
         self.done = []
         self.lit = None
+        self.profile_rate = 10.0
         self._at = at or {}
 
     def _do(self, *what):
@@ -46,6 +47,10 @@ class FakeTools:
 
     async def profile_of(self, view):
         self._do('profile', view)
+
+    async def rate(self, sweep):
+        self._do('rate')
+        return self.profile_rate
 
     async def settled(self, sweep):
         self._do('settled')
@@ -108,7 +113,7 @@ def test_continuous_scan_has_lead_in_and_lead_out():
     assert end - begin > 6.2832
     assert moves[1][1] == pytest.approx(0.314159)
     assert moves[2][0] >= end - 2e-3
-    assert tools.names()[:5] == ['prepare', 'select', 'move', 'light', 'move']
+    assert tools.names()[:6] == ['prepare', 'select', 'move', 'light', 'rate', 'move']
 
 
 @pytest.mark.parametrize('where', ['prepare', 'move', 'light', 'settled', 'register', 'build'])

@@ -81,3 +81,9 @@ def test_sweep_faster_than_the_table_is_refused():
 def test_motion_that_is_no_positive_number_is_refused(value):
     with pytest.raises(ParameterError, match='velocity'):
         Motion(velocity=value)
+
+
+def test_table_turns_slower_for_a_slow_camera():
+    sweep = plan(profiles=200).sweeps[0]
+    assert sweep.slowed(5.0) == pytest.approx(TURN / 200 * 5.0)
+    assert sweep.slowed(20.0) == sweep.velocity
