@@ -2,9 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motion boards with GRBL 1.1: a rotary axis, and lasers on spindle and coolant."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from dataclasses import field
 import math
 import threading
 
@@ -16,6 +13,8 @@ from ivfmc_ros.devices.board import Limits
 from ivfmc_ros.devices.conversation import Conversation
 from ivfmc_ros.devices.grbl_monitor import CONNECTING
 from ivfmc_ros.devices.grbl_monitor import GrblMonitor
+from ivfmc_ros.devices.grbl_settings import GrblSettings
+from ivfmc_ros.devices.grbl_settings import OUTPUTS
 from ivfmc_ros.devices.serial_line import SerialLine
 from ivfmc_ros.errors import BoardAlarmError
 from ivfmc_ros.errors import BoardLostError
@@ -24,50 +23,11 @@ from ivfmc_ros.errors import DeviceError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import StoppedError
 
-# What a laser can be wired to: (on, off).
-OUTPUTS = {'spindle': ('M3 S{:.0f}', 'M5'), 'coolant': ('M8', 'M9')}
-
 _MAX_SPINDLE, _HOMING, _MAX_RATE, _ACCELERATION = 30, 22, 110, 120  # numbers of settings
 _BOOT = 4.0  # seconds; a boot loader listens for two before it starts the board
 _NO_RESET = 2.5  # seconds; after them, opening the port has not reset the board
 _BRAKING = 3.0  # seconds, beyond what the acceleration says
 _SAME = 1e-3  # of an acceleration; the board has three decimals
-
-
-@dataclass(frozen=True, kw_only=True)
-class GrblSettings:
-    """
-    How the board is connected and wired.
-
-    port : a device file, or a URL of pyserial such as socket://host:port
-    axis : letter of the axis that turns the table; stock GRBL has X, Y and Z
-    units_per_turn : board units of a turn, negative if the table turns clockwise for positive
-    lasers : name of each laser and its output, spindle (M3, M5) or coolant (M8, M9)
-    power : 0 to 1 of a laser on the spindle
-    home_timeout : seconds
-    """
-
-    port: str
-    baud: int = 115200
-    axis: str = 'X'
-    units_per_turn: float = 360.0
-    lasers: Mapping[str, str] = field(default_factory=dict)
-    power: float = 1.0
-    home_timeout: float = 120.0
-
-    def __post_init__(self) -> None:
-        if self.axis not in tuple('XYZABC'):
-            raise ParameterError(f'axis: {self.axis!r} is not one of X, Y, Z, A, B, C')
-        if not (math.isfinite(self.units_per_turn) and self.units_per_turn):
-            raise ParameterError(f'units_per_turn: {self.units_per_turn} is no number of units')
-        if not 0.0 <= self.power <= 1.0:
-            raise ParameterError(f'power: {self.power} is out of range; it must be 0 to 1')
-        wrong = [output for output in self.lasers.values() if output not in OUTPUTS]
-        if wrong or len(set(self.lasers.values())) != len(self.lasers):
-            raise ParameterError(
-                f'lasers: {", ".join(self.lasers.values())}: each needs an output of its own, '
-                f'{" or ".join(OUTPUTS)}'
-            )
 
 
 class GrblBoard:

@@ -16,8 +16,8 @@ from ivfmc_ros.devices.beam import BeamKeeper
 from ivfmc_ros.devices.beam import BeamRules
 from ivfmc_ros.devices.board import BoardState
 from ivfmc_ros.devices.grbl import GrblBoard
-from ivfmc_ros.devices.grbl import GrblSettings
-from ivfmc_ros.devices.grbl import OUTPUTS
+from ivfmc_ros.devices.grbl_settings import GrblSettings
+from ivfmc_ros.devices.grbl_settings import OUTPUTS
 from ivfmc_ros.devices.turntable import TurntableDriver
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import StateError

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from ivfmc_ros.devices.grbl import GrblBoard
-from ivfmc_ros.devices.grbl import GrblSettings
+from ivfmc_ros.devices.grbl_settings import GrblSettings
 from ivfmc_ros.simulation.board_emulator import BoardEmulator
 
 

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from ivfmc_ros.devices.grbl import GrblBoard
-from ivfmc_ros.devices.grbl import GrblSettings
+from ivfmc_ros.devices.grbl_settings import GrblSettings
 from ivfmc_ros.errors import BoardAlarmError
 from ivfmc_ros.errors import BoardLostError
 from ivfmc_ros.errors import BoardRefusedError

@@ -13,7 +13,7 @@ import pytest
 from ivfmc_ros.devices import ramp
 from ivfmc_ros.devices.camera import Exposure
 from ivfmc_ros.devices.grbl import GrblBoard
-from ivfmc_ros.devices.grbl import GrblSettings
+from ivfmc_ros.devices.grbl_settings import GrblSettings
 from ivfmc_ros.errors import CameraLostError
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.simulation.bench import bench_cell
