@@ -1,0 +1,143 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One sweep, reconstructed from a bag, fed bit by bit, and sent through the nodes."""
+
+from graph_rig import running
+import numpy as np
+import pytest
+from sensor_msgs.msg import PointCloud2
+from sweep import recorded
+from sweep import Turn
+
+from ivfmc_ros import pipeline
+from ivfmc_ros.model import Frame
+from ivfmc_ros.nodes import clouds
+from ivfmc_ros.nodes import jobs
+from ivfmc_ros.storage.bag_writer import BagWriter
+from ivfmc_ros.storage.matching import Matcher
+from ivfmc_ros.storage.scan_bag import read_scan
+from ivfmc_ros.stripe.acquisition import Acquisition
+from ivfmc_ros.stripe.acquisition import AcquisitionSettings
+from ivfmc_ros.stripe.sampling import SampledAcquisition
+
+TURN = Turn(speed=1.2, acceleration=4.0, begin=0.6, cruise=5.0)
+LASERS = ('left', 'right')
+SETTINGS = pipeline.Settings(registration='table', island_least=20)
+
+
+@pytest.fixture(scope='module')
+def events(cell, sphere):
+    return recorded(cell, sphere, TURN, 15.0, 6.4)
+
+
+@pytest.fixture(scope='module')
+def offline(cell, events, tmp_path_factory):
+    """The views of the bag."""
+    folder = tmp_path_factory.mktemp('sweep') / 'bag'
+    with BagWriter(folder, compress=False) as bag:
+        for stamp, kind, what in events:
+            if kind == 'table':
+                bag.joint_state(stamp, 'turntable_joint', what)
+            elif kind == 'lit':
+                bag.laser_state(stamp, {'left': what, 'right': False})
+            else:
+                bag.camera_info(stamp, cell.camera)
+                bag.image(stamp, what)
+    scan = read_scan(folder, lasers=LASERS)
+    return pipeline.reconstruct(cell, scan.frames(), SETTINGS)
+
+
+def same(view, expected):
+    np.testing.assert_array_equal(view.seqs, expected.seqs)
+    np.testing.assert_array_equal(view.valid, expected.valid)
+    # float32 on the way: half a step of it at 50 mm is 2 nm
+    np.testing.assert_allclose(view.points_xyz, expected.points_xyz, rtol=0, atol=4e-9)
+
+
+def test_the_sweep_is_cut_at_its_ramps_and_fitted(offline, sphere):
+    (motion,) = offline.motions
+    assert motion.speed == pytest.approx(TURN.speed, rel=5e-3)
+    assert motion.dropped
+    points = offline.views[0].cloud()
+    # a constant delay turns the whole part, and the sphere with it
+    turn = 0.0125 * TURN.speed
+    c, s = np.cos(turn), np.sin(turn)
+    turned = points @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    off = min((sphere.distance(at) for at in (points, turned)), key=lambda d: np.abs(d).mean())
+    assert np.sqrt(np.mean(off**2)) < 1.5e-4
+
+
+def test_bit_by_bit_it_is_the_same_as_from_the_bag(cell, events, offline):
+    matcher = Matcher(LASERS)
+    stream = SampledAcquisition(Acquisition(cell, AcquisitionSettings()))
+    messages = []
+    seq = 0
+
+    def take(measured):
+        messages.extend(clouds.from_profile(profile) for _, profile in measured)
+
+    for number, (stamp, kind, what) in enumerate(events):
+        now = 0.01 * number
+        if kind == 'table':
+            matcher.table(stamp, what, None, now)
+        elif kind == 'lit':
+            matcher.lasers(stamp, {'left': float(what), 'right': 0.0}, now)
+        else:
+            matcher.picture(stamp, what, now)
+        for match in matcher.ready(now, 30.0):
+            if not match.reason:
+                take(stream.add(frame_of(match, seq)))
+                seq += 1
+    profiles = [clouds.to_profile(message, 'profile') for message in messages]
+    made = jobs.register(cell, profiles, SETTINGS)
+    (view,), (expected,) = made.views, offline.views
+    same(clouds.to_view(clouds.from_view(view, 0), 'view'), expected)
+    assert made.counts['kept_points'] == offline.counts['kept_points']
+    assert made.motions == offline.motions
+
+
+def frame_of(match, seq):
+    return Frame(
+        image=match.payload,
+        stamp_ns=match.stamp_ns,
+        angle=match.angle,
+        laser=match.laser,
+        view=match.view,
+        seq=seq,
+        speed=match.speed,
+    )
+
+
+def test_through_the_nodes_it_is_the_same_as_from_the_bag(
+    client, inputs, cell_file, events, offline
+):
+    profiles = client.collect(PointCloud2, 'profile')
+    found = client.collect(PointCloud2, 'view')
+    cell = {'cell': str(cell_file)}
+    with (
+        running('triangulator', **cell),
+        running('registrar', **cell, registration='table', island_least=20),
+    ):
+        inputs.wait()
+        client.until(lambda: client.node.count_subscribers('profile') == 2)
+        inputs.camera_info()
+        client.until(lambda: 'camera_info' not in client.diagnostic('registrar'))
+        pictures = 0
+        for stamp, kind, what in events:
+            if kind == 'table':
+                inputs.table(what, stamp, velocity=float('nan'))
+            elif kind == 'lit':
+                inputs.lit(0 if what else -1, stamp)
+            else:
+                inputs.picture(what, stamp)
+                pictures += 1
+                # no faster than it is heard
+                client.spin(0.03)
+        wanted = offline.counts['pictures']
+        client.until(lambda: len(profiles) == wanted)
+        client.until(lambda: f'profiles: {wanted}' in client.diagnostic('registrar'))
+        good, answer = client.trigger('registrar/register')
+        assert good, answer
+        client.until(lambda: found)
+    same(clouds.to_view(found[0], 'view'), offline.views[0])
+    assert answer['counts']['kept_points'] == offline.counts['kept_points']
