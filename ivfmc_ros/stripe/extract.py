@@ -42,7 +42,7 @@ _LOOK_AGAIN = 7.0
 # Rows whose stripe is wider than this many medians are measured apart, in a wider patch.
 _USUAL = 1.4
 # A rough width of more than so many of its neighbours' is not believed.
-_MERGED = 1.5
+_MERGED = 1.3
 # What is left of a row without its stripe must be less than this share of the stripe.
 _LIKE_A_STRIPE = 3.0
 # So many sigmas of a stripe, left and right, must be on the picture.
@@ -151,7 +151,7 @@ def stripe_patches(
     index = path.choose(candidates) if settings.path else path.brightest(candidates)
     rows = np.flatnonzero(index >= 0)
     chosen = _steadied(candidates[rows, index[rows]])
-    limits = _valleys(candidates[rows], chosen)
+    limits = _valleys(candidates, rows, chosen)
     for part in _by_width(chosen.width, settings.max_widening):
         within = None if limits is None else limits[part]
         cut = Patches.cut(grey, scale, rows[part], chosen[part], settings.window, within)
@@ -164,13 +164,14 @@ def _steadied(chosen: peaks.Peaks) -> peaks.Peaks:
     return replace(chosen, width=np.minimum(chosen.width, _MERGED * usual))
 
 
-def _valleys(candidates: peaks.Peaks, chosen: peaks.Peaks) -> Floats | None:
+def _valleys(candidates: peaks.Peaks, rows: Ints, chosen: peaks.Peaks) -> Floats | None:
     """Return the columns half way to the next peaks, left and right, (n, 2); None if no rivals."""
-    rivals = np.flatnonzero(candidates.found[:, 1:].any(axis=1))
-    if not len(rivals):
+    others = candidates.found[:, 1:]
+    if not others.any():
         return None
-    limits = np.tile([-np.inf, np.inf], (len(chosen.column), 1))
-    near = candidates[rivals]
+    rivals = np.flatnonzero(others[rows].any(axis=1))
+    limits = np.tile([-np.inf, np.inf], (len(rows), 1))
+    near = candidates[rows[rivals]]
     middle = chosen.column[rivals, None]
     half = np.where(near.found, 0.5 * (near.column + middle), np.nan)
     with np.errstate(invalid='ignore'):

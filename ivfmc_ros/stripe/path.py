@@ -41,7 +41,10 @@ def choose(peaks: Peaks) -> Ints:
     peaks : arrays (rows, candidates), the brightest first
     """
     chosen = brightest(peaks)
-    rivals: Bools = peaks.found.sum(axis=1) > 1
+    found = peaks.found
+    if not found[:, 1:].any():
+        return chosen
+    rivals: Bools = found.sum(axis=1) > 1
     if not rivals.any():
         return chosen
     rows = _around(rivals, chosen >= 0)
@@ -59,7 +62,10 @@ def choose(peaks: Peaks) -> Ints:
 def brightest(peaks: Peaks) -> Ints:
     """Return the brightest peak of each row, (rows,) int64; -1 where there is none."""
     found = peaks.found
-    return np.where(found.any(axis=1), found.argmax(axis=1), -1)
+    index = np.full(len(found), -1)
+    for k in reversed(range(found.shape[1])):
+        index[found[:, k]] = k
+    return index
 
 
 def _around(rivals: Bools, any_found: Bools) -> Ints:

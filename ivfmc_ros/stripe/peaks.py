@@ -123,15 +123,15 @@ def find(grey: Image, scale: float, search: Search, mask: Bools | None) -> Peaks
     height = len(grey)
     rows = np.arange(height)
     first = _measure(smooth, scale, search, rows, left.argmax(axis=1))
-    glowing = _glowing(smooth, scale, search, first)
+    glowing = _glowing(grey, scale, search, first)
     if len(glowing):
         left[glowing] = _without_glow(left[glowing], search)
         again = _measure(smooth, scale, search, glowing, left[glowing].argmax(axis=1))
         for array, values in zip(first.arrays(), again.arrays(), strict=True):
             array[glowing] = values
-    column = np.zeros((height, CANDIDATES), dtype=np.int64)
-    rest = np.full((5, height, CANDIDATES), np.nan, dtype=np.float32)
-    _store(column, rest, 0, rows, first)
+    column = np.zeros((CANDIDATES, height), dtype=np.int64)
+    rest = np.full((5, CANDIDATES, height), np.nan, dtype=np.float32)
+    _store(column, rest, 0, slice(None), first)
     strongest = np.where(first.found, first.height, 0.0)
     last = first
     for k in range(1, CANDIDATES):
@@ -146,17 +146,15 @@ def find(grey: Image, scale: float, search: Search, mask: Bools | None) -> Peaks
         # what lies beside a blanked peak and falls from there is still that peak
         genuine = last.found & (last.height >= np.maximum(search.rival, _RIVAL * strongest))
         _store(column, rest, k, rows[genuine], last[genuine])
-    return Peaks(column, *rest)
+    return Peaks(column.T, *rest.transpose(0, 2, 1))
 
 
-def _glowing(smooth: Image, scale: float, search: Search, first: Peaks) -> Ints:
+def _glowing(grey: Image, scale: float, search: Search, first: Peaks) -> Ints:
     """Return rows that are bright over more than a stripe, whose texture would hide a stripe."""
-    few = smooth[:, ::_EVERY]
-    dark = float(np.median(few[::_EVERY]))
-    half = np.asarray(0.5 * (first.top / scale + dark), dtype=smooth.dtype)
-    wide = np.count_nonzero(np.greater(few, half[:, None]), axis=1)
-    lit = first.top - scale * dark >= 2.0 * search.rival
-    return np.flatnonzero(lit & (wide * _EVERY > 2.0 * _GLOW * search.max_sigma))
+    dark = scale * float(np.median(grey[::_EVERY, ::_EVERY]))
+    top = first.top - dark
+    broad = ~first.found | (first.level - dark > 0.5 * top)
+    return np.flatnonzero(broad & (top >= 2.0 * search.rival))
 
 
 def _without_glow(smooth: Image, search: Search) -> Image:
@@ -166,10 +164,10 @@ def _without_glow(smooth: Image, search: Search) -> Image:
     return cast(Image, cv2.subtract(smooth, ground))
 
 
-def _store(column: Ints, rest: Singles, k: int, rows: Ints, peaks: Peaks) -> None:
-    column[rows, k] = peaks.column
+def _store(column: Ints, rest: Singles, k: int, rows: Ints | slice, peaks: Peaks) -> None:
+    column[k, rows] = peaks.column
     for array, values in zip(rest, peaks.arrays()[1:], strict=True):
-        array[rows, k] = values
+        array[k, rows] = values
 
 
 def _blank(smooth: Image, peaks: Peaks) -> None:

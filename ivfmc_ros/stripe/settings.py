@@ -39,7 +39,7 @@ class ExtractSettings:
     min_snr: float = 6.0
     min_contrast: float = 0.01
     max_error: float = 0.6
-    window: float = 3.2
+    window: float = 3.0
     max_sigma: float = 12.0
     max_widening: float = 4.0
     smoothing: int = 5

@@ -37,6 +37,8 @@ _BY_WIDTH = 1.7
 _BY_NARROW = 5.0
 # Certainty: lean and width count as far as they exceed so many of their own sigmas.
 _CERTAIN = 2.0
+# A lean from which on a change of width counts in full.
+_SUSPECT = 0.03
 # A surface that bends changes the width by this share without harm.
 _BEND = 0.06
 
@@ -63,10 +65,12 @@ def doubt(rows: Ints, u: Floats, estimate: Estimate, least: float | None) -> Flo
     least = least or 1e-3
     scale = np.maximum(np.maximum(estimate.width, usual), least)
     misfit = np.sqrt(np.maximum(estimate.misfit**2 - 1.0, 0.0))
+    # a stripe of another width that is a clean bell lies on another face
+    change = np.maximum(change, 0.0) * np.minimum(lean / _SUSPECT + misfit, 1.0)
     parts = (
         _BY_SKEW * lean,
         _BY_MISFIT * misfit,
-        _BY_WIDTH * np.maximum(change, 0.0),
+        _BY_WIDTH * change,
         _BY_NARROW * np.maximum(1.0 - width / least, 0.0),
     )
     return np.asarray(scale * np.sqrt(sum(part**2 for part in parts)))
