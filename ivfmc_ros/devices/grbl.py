@@ -100,6 +100,7 @@ class GrblBoard:
 
     def clear_alarm(self) -> None:
         """Take commands again after an alarm or a lost board."""
+        self._talk.fail(StoppedError('the alarm was cleared'))
         with self._commanding:
             if self._monitor.lost:
                 self._line.close()

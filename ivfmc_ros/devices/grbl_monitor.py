@@ -73,8 +73,13 @@ class GrblMonitor:
 
     @property
     def busy(self) -> bool:
-        """The board has a reason not to answer a line yet."""
-        return self.moving or self._homing or self._state == 'Hold'
+        """
+        The board has a reason not to answer a line yet.
+
+        A move that was only announced is none: its own answer may have got lost.
+        """
+        runs = not self._follower.standing or self._state in ('Run', 'Jog', 'Hold')
+        return self._homing or (runs and self.alarm in (None, CONNECTING))
 
     @property
     def silent(self) -> bool:

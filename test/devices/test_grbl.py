@@ -232,6 +232,24 @@ def test_noise_is_no_answer(board, emulator):
     assert board.poll().alarm is None
 
 
+def test_lost_answer_to_a_move_is_no_hang(board, emulator):
+    say = emulator.machine._say
+    lost = []
+
+    def lose_first_ok(text):
+        if text == 'ok\r\n' and not lost:
+            lost.append(text)
+        else:
+            say(text)
+
+    emulator.machine._say = lose_first_ok
+    start = time.monotonic()
+    board.move_to(0.2, *FAST)
+    assert lost
+    assert time.monotonic() - start < 4.0
+    assert arrive(board).position == pytest.approx(0.2, abs=1e-4)
+
+
 def test_lost_bytes_are_survived_or_said(board, emulator):
     emulator.fault('drop 0.003')
     deadline = time.monotonic() + 20.0
