@@ -17,11 +17,13 @@ class Nearest:
     The point of a surface nearest to each of n points.
 
     points_xyz : (n, 3) float64, metres; normals : (n, 3) of the faces they lie on
+    faces : (n,) int64, these faces
     distance : (n,) float64, metres, not negative
     """
 
     points_xyz: Floats
     normals: Floats
+    faces: Ints
     distance: Floats
 
 
@@ -59,6 +61,7 @@ class Surface:
         return Nearest(
             points_xyz=nearest,
             normals=found['primitive_normals'].numpy().astype(np.float64),
+            faces=found['primitive_ids'].numpy().astype(np.int64),
             distance=np.linalg.norm(nearest - points_xyz, axis=1),
         )
 

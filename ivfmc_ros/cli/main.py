@@ -20,6 +20,7 @@ _COMMANDS = {
     'scans': 'ivfmc_ros.cli.scans:scans',
     'up': 'ivfmc_ros.cli.up:up',
     'import-images': 'ivfmc_ros.cli.import_images:import_images',
+    'inspect': 'ivfmc_ros.cli.inspect:inspect',
     'reconstruct': 'ivfmc_ros.cli.reconstruct:reconstruct',
 }
 

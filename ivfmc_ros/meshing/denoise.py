@@ -9,14 +9,16 @@ differs by more and has no say, so that the edge stays.
 """
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
+from ivfmc_ros.model import Singles
 
 # Normals that differ by so many times their noise have a weight of exp(-1/2).
 _ALIKE = 2.5
 _LEAST, _MOST = 0.06, 0.5  # radians, of the noise of a normal times _ALIKE
-_VERTEX_ROUNDS = 10
+_VERTEX_ROUNDS = 5
 
 
 def denoised(
@@ -54,7 +56,7 @@ def quad_normals(vertices: Floats, quads: Ints) -> Floats:
     return np.asarray(across / np.maximum(length, 1e-30))
 
 
-def filtered_normals(normals: Floats, around: Ints, noise: Floats, rounds: int) -> Floats:
+def filtered_normals(normals: Floats, around: Ints, noise: Floats, rounds: int) -> Singles:
     """Return the normals after ``rounds`` of averaging with those around that are alike."""
     limit = np.clip(_ALIKE * noise, _LEAST, _MOST).astype(np.float32)
     sharpness = -0.5 / (limit * limit)
@@ -65,20 +67,37 @@ def filtered_normals(normals: Floats, around: Ints, noise: Floats, rounds: int) 
         weight = np.exp(unlike * sharpness[:, None])
         single = single + np.einsum('mk,mkc->mc', weight, beside)
         single /= np.maximum(np.linalg.norm(single, axis=1, keepdims=True), 1e-12)
-    return single.astype(np.float64)
+    return single
 
 
-def _followed(vertices: Floats, quads: Ints, normals: Floats, leash: float) -> Floats:
+def _followed(vertices: Floats, quads: Ints, normals: Singles, leash: float) -> Floats:
     """Move each vertex to the mean of its projections on the planes of its faces."""
-    corner = quads.ravel()
     count = len(vertices)
-    faces = np.maximum(np.bincount(corner, minlength=count), 1)[:, None]
-    moved = vertices.copy()
+    # row v has a one for each face at vertex v
+    at_vertex = csr_array(
+        (
+            np.ones(quads.size, dtype=np.float32),
+            (quads.ravel(), np.repeat(np.arange(len(quads)), 4)),
+        ),
+        shape=(count, len(quads)),
+    )
+    faces = np.maximum(at_vertex @ np.ones(len(quads), dtype=np.float32), 1.0)[:, None]
+    # the sum of n (n.(c - v)) over faces is that of n (n.c), less that of n n^T times v
+    x, y, z = normals.T
+    squares = at_vertex @ np.stack([x * x, y * y, z * z, x * y, y * z, z * x], axis=1)
+    start = vertices.astype(np.float32)
+    moved = start
     for _ in range(_VERTEX_ROUNDS):
-        at = moved[quads]
-        above = np.einsum('mc,mkc->mk', normals, at.mean(axis=1, keepdims=True) - at).ravel()
-        for axis in range(3):
-            step = np.bincount(corner, above * np.repeat(normals[:, axis], 4), minlength=count)
-            moved[:, axis] += step / faces[:, 0]
-        np.clip(moved, vertices - leash, vertices + leash, out=moved)
-    return moved
+        height = (normals * moved[quads].mean(axis=1)).sum(axis=1, keepdims=True)
+        moved = moved + (at_vertex @ (normals * height) - _times(squares, moved)) / faces
+        np.clip(moved, start - leash, start + leash, out=moved)
+    return np.asarray(moved, dtype=np.float64)
+
+
+def _times(squares: Singles, vectors: Singles) -> Singles:
+    """Multiply (n, 3) vectors by symmetric matrices (n, 6): xx, yy, zz, xy, yz, zx."""
+    xx, yy, zz, xy, yz, zx = squares.T
+    x, y, z = vectors.T
+    return np.stack(
+        [xx * x + xy * y + zx * z, xy * x + yy * y + yz * z, zx * x + yz * y + zz * z], 1
+    )

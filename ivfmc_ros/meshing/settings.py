@@ -33,7 +33,7 @@ class MeshSettings:
     max_edge: float | None = None
     close: str = 'none'
     voxel: float | None = None
-    smoothing: int = 12
+    smoothing: int = 6
     decimate: float = 0.0
     island: int = 200
     floor: float | None = 0.0

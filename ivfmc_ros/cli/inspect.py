@@ -1,0 +1,222 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``ivfmc inspect``: a mesh against its nominal."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+import yaml
+
+from ivfmc_ros import files
+from ivfmc_ros.cell.camera_file import load_camera
+from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.cell.cell_file import load_draft
+from ivfmc_ros.errors import FileError
+from ivfmc_ros.inspection.alignment import Alignment
+from ivfmc_ros.inspection.alignment import from_datums
+from ivfmc_ros.inspection.alignment import METHODS
+from ivfmc_ros.inspection.html import Page
+from ivfmc_ros.inspection.html import write_html
+from ivfmc_ros.inspection.inspect import inspect as run
+from ivfmc_ros.inspection.inspect import Inspection
+from ivfmc_ros.inspection.inspect import InspectSettings
+from ivfmc_ros.inspection.nominal import read_body
+from ivfmc_ros.inspection.nominal import require_alike
+from ivfmc_ros.inspection.nominal import require_closed
+from ivfmc_ros.inspection.report import write_report
+from ivfmc_ros.inspection.summary import document
+from ivfmc_ros.inspection.uncertainty import Conditions
+from ivfmc_ros.meshing.export import UNITS
+
+_MM = 1e-3
+_COLOURS = {'pass': 'green', 'fail': 'bold red', 'not decided': 'yellow'}
+
+
+@click.command()
+@click.argument('mesh', type=click.Path(path_type=Path))
+@click.option(
+    '--nominal',
+    type=click.Path(path_type=Path),
+    required=True,
+    help='The CAD model as a closed mesh.',
+)
+@click.option(
+    '--unit', type=click.Choice(list(UNITS)), default='mm', show_default=True, help='Unit of MESH.'
+)
+@click.option(
+    '--nominal-unit',
+    type=click.Choice(list(UNITS)),
+    default='mm',
+    show_default=True,
+    help='Unit of the nominal.',
+)
+@click.option(
+    '--tolerance',
+    type=float,
+    default=0.1,
+    show_default=True,
+    metavar='MM',
+    help='Largest deviation allowed to either side.',
+)
+@click.option(
+    '--align',
+    type=click.Choice(METHODS),
+    default='best_fit',
+    show_default=True,
+    help='How the mesh is laid onto the nominal; global finds the pose from anywhere.',
+)
+@click.option(
+    '--datum',
+    type=click.Path(path_type=Path),
+    help="YAML with 'measured' and 'nominal': lists of points in mm, for --align datum.",
+)
+@click.option(
+    '--cell',
+    'cell_path',
+    type=click.Path(path_type=Path),
+    help='cell.yaml that measured MESH: its covariances count as uncertainty.',
+)
+@click.option(
+    '--camera',
+    'camera_path',
+    type=click.Path(path_type=Path),
+    help='Camera calibration that goes with --cell.',
+)
+@click.option(
+    '--scale-u',
+    type=float,
+    default=0.0,
+    show_default=True,
+    metavar='RELATIVE',
+    help='1 sigma of the known length that gave the scale, as a share of it.',
+)
+@click.option(
+    '--temperature',
+    type=float,
+    default=20.0,
+    show_default=True,
+    metavar='C',
+    help='Of the part; lengths are reported at 20 C.',
+)
+@click.option(
+    '--temperature-u',
+    type=float,
+    default=0.0,
+    show_default=True,
+    metavar='K',
+    help='1 sigma of the temperature.',
+)
+@click.option(
+    '--expansion',
+    type=float,
+    default=11.5e-6,
+    show_default=True,
+    metavar='1/K',
+    help='Thermal expansion of the part.',
+)
+@click.option('-o', '--output', type=click.Path(path_type=Path), required=True,
+              help='Folder to make; must not exist yet.')  # fmt: skip
+def inspect(mesh: Path, nominal: Path, output: Path, **options: Any) -> None:
+    """Compare MESH with its CAD model: deviations, sizes, and a verdict by ISO 14253-1."""
+    settings = _settings(options)
+    files.require_new_folder(output)
+    cell = _cell(options['cell_path'], options['camera_path'])
+    measured = read_body(mesh, options['unit'])
+    wanted = read_body(nominal, options['nominal_unit'])
+    require_alike(measured, wanted, nominal, options['nominal_unit'])
+    require_closed(wanted, nominal)
+    alignment = _datum(options['datum']) if options['align'] == 'datum' else None
+    found = run(measured, wanted, settings, cell, alignment)
+    figures = {'mesh': str(mesh), 'nominal': str(nominal), **document(found, settings)}
+    with files.whole_folder(output) as folder:
+        write_report(folder / 'report.json', figures)
+        write_html(folder / 'report.html', _page(found, settings, figures, mesh, nominal))
+    _say(found, figures, output)
+
+
+def _page(
+    found: Inspection,
+    settings: InspectSettings,
+    figures: dict[str, Any],
+    mesh: Path,
+    nominal: Path,
+) -> Page:
+    return Page(
+        title=f'{mesh.name} against {nominal.name}',
+        vertices_xyz=found.vertices_xyz,
+        faces=found.faces,
+        values=found.deviations,
+        span=2.0 * settings.tolerance,
+        figures=figures,
+    )
+
+
+def _settings(options: dict[str, Any]) -> InspectSettings:
+    return InspectSettings(
+        tolerance=options['tolerance'] * _MM,
+        align=options['align'],
+        conditions=Conditions(
+            scale_u=options['scale_u'],
+            temperature=options['temperature'],
+            temperature_u=options['temperature_u'],
+            expansion=options['expansion'],
+        ),
+    )
+
+
+def _cell(cell_path: Path | None, camera_path: Path | None) -> Cell | None:
+    if cell_path is None:
+        return None
+    if camera_path is None:
+        raise click.UsageError('--cell needs --camera, the camera calibration that goes with it')
+    return load_draft(cell_path).complete(load_camera(camera_path), str(cell_path))
+
+
+def _datum(path: Path | None) -> Alignment:
+    if path is None:
+        raise click.UsageError('--align datum needs --datum, a file of points')
+    try:
+        read = yaml.safe_load(path.read_text(encoding='utf-8'))
+        points = [np.array(read[key], dtype=np.float64) for key in ('measured', 'nominal')]
+    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+        raise FileError(
+            f"{path}: 'measured' and 'nominal' must be lists of x, y, z in mm ({error})"
+        ) from error
+    if any(p.ndim != 2 or p.shape[1] != 3 for p in points):
+        raise FileError(f"{path}: 'measured' and 'nominal' must be lists of x, y, z in mm")
+    return from_datums(points[0] * _MM, points[1] * _MM)
+
+
+def _say(found: Inspection, figures: dict[str, Any], output: Path) -> None:
+    console = Console()
+    table = Table(title='surface, mm', title_justify='left')
+    for column in ('region', 'rms', '95 %', 'max', 'within', 'u', 'verdict'):
+        table.add_column(column, justify='left' if column in {'region', 'verdict'} else 'right')
+    for row in figures['surface']:
+        values = [f'{row[key] * 1e3:.4f}' for key in ('rms_m', 'p95_m', 'worst_m')]
+        share = f'{100.0 * row["within"]:.2f} %'
+        table.add_row(row['name'], *values, share, f'{row["u_m"] * 1e3:.4f}', _told(row))
+    console.print(table)
+    table = Table(title='features, mm', title_justify='left')
+    for column in ('feature', 'diameter', 'nominal', 'form', 'u', 'verdict'):
+        table.add_column(column, justify='left' if column in {'feature', 'verdict'} else 'right')
+    for row in figures['features']:
+        keys = ('diameter_m', 'nominal_m', 'form_m', 'u_m')
+        values = [f'{row[key] * 1e3:.4f}' if np.isfinite(row[key]) else '' for key in keys]
+        table.add_row(row['name'], *values, _told(row))
+    console.print(table)
+    if not found.calibrated:
+        console.print(
+            'no covariance of the calibration is known: the uncertainty is of noise only'
+        )
+    console.print(f'verdict: {_told(figures)}')
+    for name in ('report.html', 'report.json'):
+        console.print(str(output / name), soft_wrap=True, highlight=False)
+
+
+def _told(row: dict[str, Any]) -> str:
+    return f'[{_COLOURS[row["verdict"]]}]{row["verdict"]}[/]'
