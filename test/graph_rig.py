@@ -42,7 +42,7 @@ class NodeProcess:
     """A node in a process of its own."""
 
     def __init__(self, name: str, **parameters: Any) -> None:
-        arguments = [sys.executable, '-m', f'ivfmc_ros.nodes.{name}', '--ros-args']
+        arguments = [*self.command(name), '--ros-args']
         for key, value in parameters.items():
             text = value if isinstance(value, str) else json.dumps(value)
             arguments += ['-p', f'{key.replace("__", ".")}:={text}']
@@ -55,6 +55,9 @@ class NodeProcess:
             start_new_session=True,
         )
         self.output = ''
+
+    def command(self, name: str) -> list[str]:
+        return [sys.executable, '-m', f'ivfmc_ros.nodes.{name}']
 
     @property
     def alive(self) -> bool:

@@ -85,5 +85,10 @@ class AdaptiveSubscription:
         reliability, durability = self._offer
         profile = QoSProfile(depth=self._depth, reliability=reliability, durability=durability)
         return self._node.create_subscription(
-            self._kind, self._topic, self._callback, profile, raw=self._raw
+            self._kind,
+            self._topic,
+            self._callback,
+            profile,
+            raw=self._raw,
+            event_callbacks=qos.NO_SUBSCRIPTION_EVENTS,
         )

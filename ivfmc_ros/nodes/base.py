@@ -82,11 +82,19 @@ class CellNode(ParameterNode):
     ) -> Any:
         """Subscribe one of our own topics, with the QoS it is published with."""
         profile = qos.of_topic(topic) if depth is None else qos.reliable(depth)
-        return self.create_subscription(kind, topic, self.border(callback), profile)
+        return self.create_subscription(
+            kind,
+            topic,
+            self.border(callback, topic),
+            profile,
+            event_callbacks=qos.NO_SUBSCRIPTION_EVENTS,
+        )
 
     def publish_on(self, kind: type, topic: str) -> Any:
         """Return a publisher with the QoS of the topic."""
-        return self.create_publisher(kind, topic, qos.of_topic(topic))
+        return self.create_publisher(
+            kind, topic, qos.of_topic(topic), event_callbacks=qos.NO_PUBLISHER_EVENTS
+        )
 
     def border(self, function: Callable[..., object], name: str = '') -> Callable[..., None]:
         """

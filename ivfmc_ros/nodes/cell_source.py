@@ -34,6 +34,7 @@ class CellSource:
         self._camera: Camera | None = None
         self._cell: Cell | None = None
         self._seen: Any = None
+        self._read_at: tuple[int, ...] = ()
         node.parameter('cell', '', 'Path of cell.yaml: lasers and turntable.')
         node.parameter(
             'camera',
@@ -50,6 +51,11 @@ class CellSource:
     def draft(self) -> CellDraft | None:
         """What cell.yaml says, whether or not there is a camera."""
         return self._draft
+
+    @property
+    def complete(self) -> bool:
+        """Whether there are a cell.yaml and a camera."""
+        return self._draft is not None and self._camera is not None
 
     def cell(self) -> Cell:
         """
@@ -71,9 +77,14 @@ class CellSource:
         return self._cell
 
     def reload(self) -> None:
-        """Read the files again, for a calibration that was made in the meantime."""
-        self._load_cell()
-        self._load_camera()
+        """Read the files again if they were written in the meantime."""
+        if self._written() != self._read_at:
+            self._load_cell()
+            self._load_camera()
+
+    def _written(self) -> tuple[int, ...]:
+        named = [Path(path) for path in (self._node.get('cell'), self._node.get('camera')) if path]
+        return tuple(path.stat().st_mtime_ns if path.exists() else 0 for path in named)
 
     def _check(self, values: Mapping[str, Any]) -> None:
         """Refuse files that cannot be used, before they are."""
@@ -90,6 +101,7 @@ class CellSource:
 
     def _load_cell(self) -> None:
         self._cell = None
+        self._read_at = self._written()
         try:
             self._draft = load_draft(_named(self._node.get('cell')))
         except ScanError as error:
@@ -100,6 +112,7 @@ class CellSource:
 
     def _load_camera(self) -> None:
         path = self._node.get('camera')
+        self._read_at = self._written()
         if not path:
             return
         try:

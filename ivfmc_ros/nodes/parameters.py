@@ -209,7 +209,8 @@ def _leaves(settings: Any, prefix: str) -> dict[str, tuple[Any, str]]:
         if is_dataclass(value):
             found.update(_leaves(value, f'{name}.'))
         elif isinstance(value, bool | int | float | str) or kinds[field.name] == float | None:
-            found[name] = (value, words.get(field.name, _first_line(type(settings))))
+            text = words.get(field.name, _first_line(type(settings)))
+            found[name] = (value, text if value is not None else text.replace('None', '0'))
     return found
 
 

@@ -6,6 +6,8 @@ How each topic is published: reliable, deep enough for a burst, latched where la
 What others publish is subscribed with what they offer (see ``adaptive``).
 """
 
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import HistoryPolicy
 from rclpy.qos import QoSProfile
@@ -35,6 +37,11 @@ _LATCHED = (
     'laser_states',
 )
 _DEPTH = 10
+
+# Each event that somebody listens for costs the executor time in every round, and what they would
+# tell (an offer that does not fit) is asked from the graph.
+NO_PUBLISHER_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
+NO_SUBSCRIPTION_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 
 
 def reliable(depth: int) -> QoSProfile:

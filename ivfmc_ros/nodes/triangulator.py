@@ -36,6 +36,7 @@ from ivfmc_ros.storage.matching import Match
 from ivfmc_ros.storage.matching import Matcher
 from ivfmc_ros.storage.reports import joint_of
 from ivfmc_ros.stripe.acquisition import Acquisition
+from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 from ivfmc_ros.stripe.sampling import Measured
 from ivfmc_ros.stripe.sampling import SampledAcquisition
 
@@ -58,7 +59,8 @@ class Triangulator(CellNode):
         self._source = CellSource(self)
         self._matcher = Matcher(())
         self._stream: SampledAcquisition | None = None
-        self._cell: Cell | None = None
+        self._acquisition: Acquisition | None = None
+        self._measured_by: AcquisitionSettings | None = None
         self._counts: Counter[str] = Counter()
         self._seq = 0
         self._last_s = self.steady_s()
@@ -137,7 +139,7 @@ class Triangulator(CellNode):
 
     def _work(self) -> None:
         """Measure the pictures that can be judged, for a while."""
-        if not len(self._matcher) and not (self._stream and self._stream.waiting):
+        if self._is_idle():
             return
         start = self.steady_s()
         stream = self._ready_stream()
@@ -150,19 +152,32 @@ class Triangulator(CellNode):
         if stream.waiting and start - self._last_s > _SAMPLE_WAIT_S:
             self._publish(stream.flush())
 
+    def _is_idle(self) -> bool:
+        if self._stream is None and self._source.complete:
+            # now, and not when the first picture comes
+            self._ready_stream()
+        return not len(self._matcher) and not (self._stream and self._stream.waiting)
+
     def _ready_stream(self) -> SampledAcquisition | None:
         """Return what measures; None, and a condition by name, while something is missing."""
         try:
             cell = self._source.cell()
-            if self._stream is None or cell is not self._cell:
+            if self._stream is None or self._stream.acquisition.cell is not cell:
                 self._require_one_laser(cell)
-                self._stream = SampledAcquisition(Acquisition(cell, self._settings()))
-                self._cell = cell
+                self._stream = SampledAcquisition(self._new_acquisition(cell))
         except ScanError as error:
             self.trouble('cell', error)
             return None
         self.health.clear('cell')
         return self._stream
+
+    def _new_acquisition(self, cell: Cell) -> Acquisition:
+        """Return one for a scan; where the stripe can be takes half a second to find out."""
+        known, settings = self._acquisition, self._settings()
+        if known is not None and known.cell is cell and self._measured_by == settings:
+            return known.restarted()
+        self._acquisition, self._measured_by = Acquisition(cell, settings), settings
+        return self._acquisition.restarted()
 
     def _require_one_laser(self, cell: Cell) -> None:
         if self.get('laser_source') == 'always_on' and len(cell.lasers) != 1:

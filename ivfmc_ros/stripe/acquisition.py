@@ -4,6 +4,7 @@
 
 from collections.abc import Iterable
 from collections.abc import Sequence
+import copy
 from dataclasses import asdict
 from dataclasses import dataclass
 from dataclasses import field
@@ -86,8 +87,16 @@ class Acquisition:
     def __init__(self, cell: Cell, settings: AcquisitionSettings) -> None:
         self.cell = cell
         self._masks = [stripe_mask(cell, k, settings.volume) for k in range(len(cell.lasers))]
+        self._given = settings
         self.settings = settings
         self.counts = AcquisitionCounts()
+
+    def restarted(self) -> 'Acquisition':
+        """Return one for another scan in this cell, without looking for the regions again."""
+        other = copy.copy(self)
+        other.settings = self._given
+        other.counts = AcquisitionCounts()
+        return other
 
     def prepare(self, frames: Iterable[Frame]) -> None:
         """
