@@ -21,8 +21,11 @@ from ivfmc_ros.storage.messages import image as image_message
 
 # Fewer than the triangulator keeps, so that none is pushed out of its history.
 _WINDOW = 10
-# Pictures that give no profile (laser off, table moving) are not waited for longer, seconds.
-_PATIENCE_S = 0.7
+# Pictures that give no profile (laser off, table moving) are not waited for longer, seconds; the
+# first ones may take the time in which the triangulator gets ready.
+_PATIENCE_S = 1.0
+_FIRST_PATIENCE_S = 10.0
+_DRAIN_S = 120.0
 _SPIN_S = 0.002
 
 
@@ -77,6 +80,7 @@ class BagPlayer:
         clock : publish /clock, too
         :raises HelperError: somebody else publishes one of the topics
         """
+        from diagnostic_msgs.msg import DiagnosticArray
         from rosgraph_msgs.msg import Clock
         from sensor_msgs.msg import PointCloud2
 
@@ -98,8 +102,12 @@ class BagPlayer:
         self.pictures = 0
         self._under_way: list[int] = []
         self._last_profile = time.monotonic()
+        self._judged: dict[str, int] = {}
         node.create_subscription(
             PointCloud2, 'profile', self._hear_profile, qos.of_topic('profile')
+        )
+        node.create_subscription(
+            DiagnosticArray, '/diagnostics', self._hear_diagnostics, qos.reliable(50)
         )
 
     def await_listeners(self, seconds: float) -> None:
@@ -182,18 +190,49 @@ class BagPlayer:
         begin = time.monotonic()
         while len(self._under_way) >= _WINDOW:
             self._client.spin(_SPIN_S)
-            if time.monotonic() - max(begin, self._last_profile) > _PATIENCE_S:
+            patience = _PATIENCE_S if self.profiles else _FIRST_PATIENCE_S
+            if time.monotonic() - max(begin, self._last_profile) > patience:
                 self._under_way.clear()
 
     def _drain(self) -> None:
-        """Wait until no more profiles come."""
-        begin = time.monotonic()
-        while self._under_way and time.monotonic() - max(begin, self._last_profile) < 3.0:
+        """Wait until the triangulator says that it is through with all pictures."""
+        self._judged = {}
+        end = time.monotonic() + _DRAIN_S
+        while not self._is_through() and time.monotonic() < end:
             self._client.spin(_SPIN_S)
+
+    def _is_through(self) -> bool:
+        judged = dict(self._judged)
+        taken = judged.pop('pictures', 0)
+        for name in ('empty profiles', 'jumps'):
+            judged.pop(name, None)
+        profiles = judged.get('profiles', 0)
+        return (
+            taken >= self.pictures
+            and sum(judged.values()) >= taken
+            and (self.profiles >= profiles)
+        )
+
+    def _hear_diagnostics(self, message: Any) -> None:
+        name = f'{self._client.namespace}/triangulator'.strip('/')
+        for status in message.status:
+            if status.name.strip('/') == name:
+                values = {item.key: item.value for item in status.values}
+                self._judged = _counts(values.get('counts', ''))
 
     def _sleep_until(self, moment: float) -> None:
         while (left := moment - time.monotonic()) > 0.0:
             self._client.spin(min(left, 0.02))
+
+
+def _counts(text: str) -> dict[str, int]:
+    """Read '48 pictures, 40 profiles, 8 laser off'."""
+    found = {}
+    for part in text.split(', '):
+        number, _, name = part.partition(' ')
+        if number.isdigit():
+            found[name] = int(number)
+    return found
 
 
 def _stamp_ns(data: bytes) -> int:

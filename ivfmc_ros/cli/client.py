@@ -52,7 +52,7 @@ class CellClient:
 
         self.status: dict[str, str] = {}
         self.node = rclpy.create_node(f'client_{time.time_ns() % 10**9}', namespace=namespace)
-        self._namespace = namespace
+        self.namespace = namespace
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
         self._clients: dict[str, Any] = {}
@@ -109,7 +109,7 @@ class CellClient:
         if name not in self._clients:
             self._clients[name] = self.node.create_client(kind, name)
         client = self._clients[name]
-        place = f'{self._namespace}/{name}'
+        place = f'{self.namespace}/{name}'
         self.until(client.service_is_ready, seconds, f'service {place}; is the cell up?')
         future = client.call_async(request)
         self.until(future.done, seconds, f'an answer of {place}')

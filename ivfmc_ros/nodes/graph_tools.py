@@ -103,7 +103,7 @@ class GraphTools:
         place = {'scan_folder': str(context.folder), 'scan_id': context.scan_id}
         files = {'formats': context.request.formats, 'export_unit': context.request.export_unit}
         await self._helpers.set('mesher', {**place, **files})
-        await self._helpers.set('recorder', place)
+        await self._helpers.set('recorder', {**place, 'pictures': True})
         self._link.forget()
         await self._helpers.trigger('recorder/start', _SLACK, self._guard)
         self._recording = True
@@ -212,6 +212,8 @@ class GraphTools:
             return (self._link.recorded or 0) >= max(self._link.heads)
 
         await self._until(complete, 60.0, 'the recorder to write all profiles', 'NOT_RECORDED')
+        # dark pictures while the mesh is made would be most of the bag
+        await self._helpers.set('recorder', {'pictures': False})
 
     async def register(self) -> Mapping[str, Any]:
         """Bring the views together, and return what is said of them."""

@@ -53,6 +53,7 @@ TYPES = {
     'mesh': Marker,
     'mesh_shape': Mesh,
 }
+_OF_CAMERA = ('image_raw', 'image_raw/compressed', 'camera_info')
 _PUBLISH_S = 0.05
 
 
@@ -70,6 +71,9 @@ class Recorder(CellNode):
             [name for name in TYPES if name != 'image_raw/compressed'],
             'Names of the topics that are recorded; taken at the start of the node.',
             constraints=f'some of {", ".join(TYPES)}',
+        )
+        self.parameter(
+            'pictures', True, 'Record pictures; the orchestrator ends it with the last profile.'
         )
         self.parameter(
             'compress', True, 'Compress chunks by zstd; without it the disk has more to take.'
@@ -129,7 +133,7 @@ class Recorder(CellNode):
 
     def _take(self, name: str, data: bytes) -> None:
         recorder = self._recorder
-        if recorder is None:
+        if recorder is None or (name in _OF_CAMERA and not self.get('pictures')):
             return
         kind = TYPES[name]
         package = kind.__module__.partition('.')[0]
