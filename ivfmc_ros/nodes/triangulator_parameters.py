@@ -38,11 +38,17 @@ def declare(node: ParameterNode) -> Callable[[], AcquisitionSettings]:
 
     returns : a function that gives the acquisition's settings as they are
     """
-    default = MatchSettings()
+    _declare_choice(node)
+    _declare_times(node)
+    node.check(_refuse)
+    return node.settings(AcquisitionSettings(), ranges=_RANGES)
+
+
+def _declare_choice(node: ParameterNode) -> None:
     node.parameter('scan_id', '', 'Name of the scan; another one begins with profile 0.')
     node.parameter(
         'motion',
-        default.motion,
+        MatchSettings().motion,
         'continuous: every picture with one laser on is a profile. step: only pictures exposed '
         'while the table stood, and one for each view and angle.',
         choices=MOTIONS,
@@ -60,6 +66,10 @@ def declare(node: ParameterNode) -> Callable[[], AcquisitionSettings]:
         'topic: laser_states tells which laser is on. always_on: the only laser of cell.yaml is.',
         choices=LASER_SOURCES,
     )
+
+
+def _declare_times(node: ParameterNode) -> None:
+    default = MatchSettings()
     node.parameter(
         'exposure',
         default.exposure,
@@ -97,8 +107,6 @@ def declare(node: ParameterNode) -> Callable[[], AcquisitionSettings]:
         high=60.0,
     )
     node.parameter('queue', 200, 'Pictures that may wait at most.', low=2, high=10_000)
-    node.check(_refuse)
-    return node.settings(AcquisitionSettings(), ranges=_RANGES)
 
 
 def match_settings(values: Callable[[str], Any], lasers: Sequence[str]) -> MatchSettings:
