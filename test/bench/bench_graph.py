@@ -28,8 +28,9 @@ from ivfmc_ros.simulation.parts import demo_part
 from ivfmc_ros.simulation.render import simulate_scan
 
 PARTS = Path(__file__).with_name('graph_parts.py')
-RATES = (20, 30, 40, 50, 60, 70, 80, 90, 100, 120, 150)
-SECONDS = 6.0
+# pictures a second, up to the first at which something is lost
+RATES = (20, 40, 60, 70, 80, 90, 100, 120, 150, 200)
+SECONDS = 5.0
 FRAMES = 24
 EXPOSURE_S = 0.005
 
@@ -127,7 +128,6 @@ def triangulated(folder: Path) -> list[Trial]:
                 assert client.set('triangulator', scan_id=f'trial {number}').successful
                 trials.append(trial(client, source, profiles, rate))
                 print(trials[-1])
-                print(client.diagnostic('triangulator'))
                 if not trials[-1].complete:
                     break
     finally:

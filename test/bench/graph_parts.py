@@ -4,8 +4,8 @@
 What the bench of the graph starts beside the nodes: a camera that is only fast, a bare listener.
 
 ``python graph_parts.py source FRAMES.npy turning`` publishes at the rates that it reads from its
-input, one a line as 'rate seconds', and prints how many pictures it sent. ``listener`` counts pictures
-until none has come for a while, and prints how many came.
+input, one a line as 'rate seconds', and prints how many pictures it sent. ``listener`` counts
+pictures until none has come for a while, and prints how many came.
 """
 
 import sys
