@@ -26,6 +26,7 @@ _WINDOW = 10
 _PATIENCE_S = 1.0
 _FIRST_PATIENCE_S = 10.0
 _DRAIN_S = 120.0
+_CALM_S = 1.5
 _SPIN_S = 0.002
 
 
@@ -78,7 +79,6 @@ class BagPlayer:
 
         tracks : by the topic in the bag
         clock : publish /clock, too
-        :raises HelperError: somebody else publishes one of the topics
         """
         from diagnostic_msgs.msg import DiagnosticArray
         from rosgraph_msgs.msg import Clock
@@ -90,7 +90,6 @@ class BagPlayer:
         self._bag = bag
         self._tracks = tracks
         node = client.node
-        self._refuse_others()
         self._publishers = {
             track.target: node.create_publisher(
                 message_class(track.msgtype), track.target, qos.of_topic(track.target)
@@ -111,14 +110,19 @@ class BagPlayer:
         )
 
     def await_listeners(self, seconds: float) -> None:
-        """:raises HelperError: nobody listens to the pictures and the table."""
-        for track in self._tracks.values():
-            publisher = self._publishers[track.target]
-            self._client.until(
-                lambda publisher=publisher: publisher.get_subscription_count() > 0,  # type: ignore[misc]
-                seconds,
-                f'somebody who listens to {publisher.topic_name}',
-            )
+        """:raises HelperError: nobody listens, or somebody else publishes one of the topics."""
+        names = ', '.join(p.topic_name for p in self._publishers.values())
+        self._client.until(self._is_heard, seconds, f'somebody who listens to {names}')
+        # a listener that sees what we offer may subscribe anew, and hears nothing meanwhile
+        calm = time.monotonic() + _CALM_S
+        while time.monotonic() < calm:
+            self._client.spin(_SPIN_S)
+            if not self._is_heard():
+                calm = time.monotonic() + _CALM_S
+        self._refuse_others()
+
+    def _is_heard(self) -> bool:
+        return all(p.get_subscription_count() > 0 for p in self._publishers.values())
 
     def play(self, rate: float, progress: Callable[[int], None]) -> None:
         """
@@ -139,14 +143,11 @@ class BagPlayer:
         self._drain()
 
     def _refuse_others(self) -> None:
-        # what is discovered takes a moment to be known
-        end = time.monotonic() + 1.0
-        while time.monotonic() < end:
-            self._client.spin(0.05)
+        own = self._client.node.get_name()
         for track in self._tracks.values():
-            others = self._client.node.get_publishers_info_by_topic(
-                self._client.node.resolve_topic_name(track.target)
-            )
+            name = self._client.node.resolve_topic_name(track.target)
+            infos = self._client.node.get_publishers_info_by_topic(name)
+            others = [info for info in infos if info.node_name != own]
             if others:
                 names = ', '.join(sorted({f'{o.node_namespace}/{o.node_name}' for o in others}))
                 raise HelperError(

@@ -1,0 +1,37 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Cells that are started for a test, and end with it."""
+
+import os
+import signal
+
+from cell_rig import Cell
+from diagnostic_msgs.msg import DiagnosticStatus
+from graph_rig import Client
+import pytest
+
+
+@pytest.fixture(scope='module')
+def client():
+    client = Client()
+    client.status = client.collect(DiagnosticStatus, 'scan_status')
+    yield client
+    client.close()
+
+
+@pytest.fixture(scope='module')
+def start(tmp_path_factory):
+    """Start a cell; whatever a test does, nothing of it stays."""
+    cells = []
+
+    def start(*arguments):
+        folder = tmp_path_factory.mktemp('cell') / 'run'
+        cells.append(Cell(folder, *map(str, arguments)))
+        return cells[-1]
+
+    yield start
+    for cell in cells:
+        if cell.up.poll() is None:
+            cell.up.kill()
+        for pid in cell.processes():
+            os.kill(pid, signal.SIGKILL)

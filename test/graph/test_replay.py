@@ -1,0 +1,90 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A bag through the nodes gives what it gives offline."""
+
+import subprocess
+import sys
+
+from cell_rig import gone
+from graph_rig import node_environment
+import numpy as np
+import pytest
+from sensor_msgs.msg import Image
+from sensor_msgs.msg import PointCloud2
+
+from ivfmc_ros.cell.cell_file import save_cell
+from ivfmc_ros.pipeline import reconstruct
+from ivfmc_ros.pipeline import Settings
+from ivfmc_ros.results import cloud as cloud_of
+from ivfmc_ros.simulation.bench import bench_cell
+from ivfmc_ros.simulation.parts import demo_part
+from ivfmc_ros.simulation.recording import record_scan
+from ivfmc_ros.simulation.render import simulate_scan
+from ivfmc_ros.storage.point_clouds import records_of
+from ivfmc_ros.storage.scan_bag import read_scan
+
+STEPS = 24
+LASERS = ('left', 'right')
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    """Bag of a few pictures of the demo part with both lasers, and the cell beside it."""
+    folder = tmp_path_factory.mktemp('bag')
+    cell = bench_cell()
+    save_cell(folder / 'cell.yaml', cell)
+    record_scan(folder / 'bag', cell, simulate_scan(cell, demo_part(), STEPS))
+    return folder / 'bag'
+
+
+@pytest.fixture(scope='module')
+def cell(start, client, bag):
+    # no files of parameters: everything as it is offline
+    return start('--replay', '--cell', bag.parent / 'cell.yaml', '--config', bag.parent)
+
+
+def replay(bag, *options):
+    return subprocess.run(
+        [sys.executable, '-m', 'ivfmc_ros.cli.main', 'replay', str(bag), *map(str, options)],
+        env=node_environment(),
+        capture_output=True,
+        text=True,
+        timeout=150,
+        check=False,
+    )
+
+
+def test_replayed_cloud_is_the_offline_one(client, cell, bag, tmp_path):
+    offline = reconstruct(bench_cell(), read_scan(bag, lasers=LASERS).frames(), Settings())
+    points, _ = cloud_of(offline)
+    clouds = client.collect(PointCloud2, 'cloud')
+    answer = replay(bag, '-o', tmp_path / 'out')
+    assert answer.returncode == 0, answer.stderr + cell.log()
+    assert f'{2 * STEPS} pictures became {2 * STEPS} profiles' in answer.stdout
+    client.until(lambda: clouds, 10.0, 'no cloud')
+    records = records_of(clouds[-1], 'cloud', ('x', 'y', 'z')).ravel()
+    replayed = np.stack([records[name] for name in ('x', 'y', 'z')], axis=1)
+    assert len(replayed) == len(points)
+    np.testing.assert_allclose(replayed, points, atol=1e-8)
+    assert (tmp_path / 'out' / 'mesh.stl').is_file()
+
+
+def test_other_publishers_are_not_talked_over(client, cell, bag):
+    publisher = client.publisher(Image, 'image_raw')
+    try:
+        answer = replay(bag)
+    finally:
+        client.node.destroy_publisher(publisher)
+    assert answer.returncode == 1
+    assert 'image_raw is published by /ivfmc/client' in answer.stderr
+
+
+def test_bag_without_pictures_is_refused(bag, tmp_path):
+    answer = replay(tmp_path / 'nothing')
+    assert answer.returncode == 1
+    assert 'nothing' in answer.stderr
+
+
+def test_cell_for_replay_ends_in_order(cell):
+    assert cell.end() == 0
+    assert gone(cell)

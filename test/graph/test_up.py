@@ -1,0 +1,48 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""However a cell ends, nothing of it is left."""
+
+import signal
+
+from cell_rig import gone
+import pytest
+
+
+def start_and_await(client, start, *arguments):
+    client.status.clear()
+    cell = start('--simulate', *arguments)
+    client.until(lambda: client.status, 60.0, cell.log())
+    return cell
+
+
+def test_ctrl_c_ends_all_in_order(client, start):
+    cell = start_and_await(client, start)
+    assert len(cell.processes()) >= 8
+    assert cell.end(signal.SIGINT) == 0
+    assert gone(cell)
+    assert 'Traceback' not in cell.log()
+    assert not (cell.folder / 'simulation' / 'board').exists()
+
+
+def test_no_orphan_when_up_is_killed(client, start):
+    cell = start_and_await(client, start)
+    assert len(cell.processes()) >= 8
+    cell.end(signal.SIGKILL)
+    assert gone(cell, 20.0)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'said'),
+    [
+        (('--simulate', '--replay'), 'exclude each other'),
+        ((), '--cell cell.yaml is needed'),
+        (('--cell', 'nowhere.yaml'), 'nowhere.yaml: there is no such file'),
+        (('--simulate', '--set', 'robot.x=1'), 'must be node.parameter=value'),
+        (('--simulate', '--set', 'camera.frame_rate=fast'), 'camera'),
+    ],
+)
+def test_cell_that_cannot_be_is_refused(start, arguments, said):
+    cell = start(*arguments)
+    assert cell.up.wait(60.0) == 1
+    assert said in cell.up.stderr.read()
+    assert gone(cell)
