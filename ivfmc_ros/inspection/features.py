@@ -121,8 +121,9 @@ def _across(axis: Floats) -> Floats:
 
 def _cylinder(points: Floats, center: Floats, scale: float) -> Feature:
     at = (points - center) / scale
-    best = min((_fit_cylinder(at, axis) for axis in _cylinder_starts(at)), key=lambda f: f[2])
-    axis, middle, _, left, radius = best
+    rough = [_fit_cylinder(at[:: max(1, len(at) // 300)], axis, 12) for axis in _starts(at)]
+    start = min(rough, key=lambda tried: tried[2])[0]
+    axis, middle, _, left, radius = _fit_cylinder(at, start, 60)
     if radius > _LARGEST:
         raise GeometryError('feature: the points of the cylinder are as good as flat')
     return _made('cylinder', left * scale, middle * scale + center, axis, 2.0 * radius * scale)
@@ -132,11 +133,13 @@ def _cylinder(points: Floats, center: Floats, scale: float) -> Feature:
 _LARGEST = 100.0
 
 
-def _cylinder_starts(at: Floats) -> Floats:
+def _starts(at: Floats) -> Floats:
     return np.concatenate([np.linalg.svd(at, full_matrices=False)[2], np.eye(3)])
 
 
-def _fit_cylinder(at: Floats, axis: Floats) -> tuple[Floats, Floats, float, Floats, float]:
+def _fit_cylinder(
+    at: Floats, axis: Floats, most: int
+) -> tuple[Floats, Floats, float, Floats, float]:
     flat = _across(axis)
 
     def parts(p: Floats) -> tuple[Floats, Floats, Floats]:
@@ -149,7 +152,7 @@ def _fit_cylinder(at: Floats, axis: Floats) -> tuple[Floats, Floats, float, Floa
 
     start = _algebraic(at @ flat)
     found = least_squares(
-        lambda p: parts(p)[2] - p[4], np.concatenate([np.zeros(2), start]), max_nfev=60
+        lambda p: parts(p)[2] - p[4], np.concatenate([np.zeros(2), start]), max_nfev=most
     )
     direction, middle, distance = parts(found.x)
     middle = middle + ((at.mean(axis=0) - middle) @ direction) * direction

@@ -1,5 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
 import os
 from pathlib import Path
 import re
@@ -14,6 +15,9 @@ from ivfmc_ros.meshing.export import UNITS
 from ivfmc_ros.meshing.export import write_cloud
 from ivfmc_ros.meshing.export import write_mesh
 from ivfmc_ros.meshing.export import write_solid
+from ivfmc_ros.model import BASE
+from ivfmc_ros.model import FILLED
+from ivfmc_ros.model import MEASURED
 from ivfmc_ros.model import Mesh
 
 SUFFIXES = ('.stl', '.ply', '.obj')
@@ -35,10 +39,12 @@ def box():
 def ply_table(path):
     """The vertices of a binary PLY by name, read without any library."""
     header, _, body = path.read_bytes().partition(b'end_header\n')
-    names = re.findall(rb'property float (\w+)', header)
+    header = header.partition(b'element face')[0]
+    kinds = {b'float': '<f4', b'uchar': 'u1'}
+    found = re.findall(rb'property (\w+) (\w+)', header)
     count = int(re.search(rb'element vertex (\d+)', header).group(1))
-    table = np.frombuffer(body, '<f4', count * len(names)).reshape(count, len(names))
-    return {name.decode(): table[:, k] for k, name in enumerate(names)}
+    table = np.frombuffer(body, [(name.decode(), kinds[kind]) for kind, name in found], count)
+    return {name: table[name] for name in table.dtype.names}
 
 
 @pytest.mark.parametrize('suffix', SUFFIXES)
@@ -79,7 +85,11 @@ def test_suffix_counts_in_any_case(tmp_path):
 def test_ply_holds_normals_sigma_and_intensity(tmp_path):
     write_mesh(tmp_path / 'mesh.ply', box())
     table = ply_table(tmp_path / 'mesh.ply')
-    assert list(table) == ['x', 'y', 'z', 'nx', 'ny', 'nz', 'sigma', 'intensity']
+    names = ['x', 'y', 'z', 'nx', 'ny', 'nz', 'sigma', 'intensity', 'quality']
+    assert list(table) == [*names, 'red', 'green', 'blue']
+    assert table['quality'].max() == 1.0
+    assert table['quality'][-1] == pytest.approx(np.median(box().sigma) / 8e-5)
+    assert table['red'][0] < table['red'][-1] == table['blue'][-1] == 255
     assert table['sigma'] == pytest.approx(box().sigma * 1e3, rel=1e-6)
     assert table['intensity'] == pytest.approx(box().intensity, rel=1e-6)
     normals = np.stack([table['nx'], table['ny'], table['nz']], axis=1)
@@ -94,6 +104,26 @@ def test_obj_normals_are_those_of_the_vertices(tmp_path):
     assert 'nan' not in text
     first = re.search(r'^f (\d+)//\1 (\d+)//\2 (\d+)//\3$', text, re.MULTILINE)
     assert [int(corner) for corner in first.groups()] == (box().faces[0] + 1).tolist()
+
+
+def test_ply_tells_which_faces_are_invented(tmp_path):
+    kind = np.array([MEASURED] * 10 + [BASE, FILLED], dtype=np.uint8)
+    write_mesh(tmp_path / 'mesh.ply', replace(box(), kind=kind))
+    header, _, body = (tmp_path / 'mesh.ply').read_bytes().partition(b'end_header\n')
+    faces = [('count', 'u1'), ('corners', '<i4', 3), ('kind', 'u1')]
+    assert b'property uchar kind' in header
+    table = np.frombuffer(body[-12 * 14 :], faces)
+    assert table['kind'].tolist() == kind.tolist()
+    assert (table['corners'] == box().faces).all()
+    assert len(trimesh.load(tmp_path / 'mesh.ply').faces) == 12
+
+
+def test_glb_is_in_metres_with_y_up(tmp_path):
+    write_mesh(tmp_path / 'mesh.glb', box())
+    read = trimesh.load(tmp_path / 'mesh.glb', force='mesh')
+    assert read.is_watertight
+    assert read.volume == pytest.approx(2.4e-5, rel=1e-5)
+    assert read.extents == pytest.approx([0.02, 0.04, 0.03], rel=1e-6)
 
 
 def test_solid_that_was_not_measured_is_written(tmp_path):
@@ -115,7 +145,9 @@ def test_cloud_is_points_and_sigma(tmp_path):
 
 @pytest.mark.parametrize('name', ['mesh.step', 'mesh', 'mesh.stl.bak'])
 def test_unknown_suffix_is_refused(tmp_path, name):
-    with pytest.raises(ParameterError, match=rf"{name}: '.*' is not one of \.stl, \.ply, \.obj"):
+    with pytest.raises(
+        ParameterError, match=rf"{name}: '.*' is not one of \.stl, \.ply, \.obj, \.glb"
+    ):
         write_mesh(tmp_path / name, box())
     assert list(tmp_path.iterdir()) == []
 

@@ -1,0 +1,191 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
+import numpy as np
+import open3d as o3d
+import pytest
+from synthetic import small_cell
+from synthetic import Sphere
+from synthetic import sphere_profiles
+import trimesh
+
+from ivfmc_ros.errors import GeometryError
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.meshing.build import build_mesh
+from ivfmc_ros.meshing.settings import MeshSettings
+from ivfmc_ros.meshing.topology import boundary_loops
+from ivfmc_ros.model import FILLED
+from ivfmc_ros.model import MEASURED
+from ivfmc_ros.model import Poses
+from ivfmc_ros.registration.views import assemble
+from ivfmc_ros.registration.views import without
+
+CELL = small_cell()
+SPHERE = Sphere(np.array([0.004, 0.002, 0.03]), 0.025)
+STEPS = 90
+
+
+def views(count=2, steps=STEPS):
+    return [
+        assemble(CELL, sphere_profiles(CELL, SPHERE, steps, laser=k, view=k))[0]
+        for k in range(count)
+    ]
+
+
+def spoilt(view, seed):
+    """Noise, single points that fly, and holes."""
+    rng = np.random.default_rng(seed)
+    noise = rng.normal(scale=0.04e-3, size=view.points_xyz.shape)
+    flying = rng.random(view.valid.shape) < 0.002
+    noise[flying] += rng.normal(scale=1.5e-3, size=(int(flying.sum()), 3))
+    rows, columns = np.indices(view.valid.shape)
+    gone = rng.random(view.valid.shape) < 0.03
+    for _ in range(4):
+        row, column = rng.integers(0, view.valid.shape[0]), rng.integers(0, view.valid.shape[1])
+        gone |= (np.abs(rows - row) < 25) & (np.abs(columns - column) < 4)
+    return without(replace(view, points_xyz=view.points_xyz + noise), gone & view.valid)
+
+
+def edge_counts(mesh):
+    edges = np.sort(np.stack([mesh.faces, np.roll(mesh.faces, 1, axis=1)], 2).reshape(-1, 2), 1)
+    return np.unique(edges, axis=0, return_counts=True)[1]
+
+
+def require_sound(mesh, *, closed):
+    """2-manifold, oriented, without degenerate or intersecting faces, judged by libraries."""
+    legacy = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(mesh.vertices_xyz), o3d.utility.Vector3iVector(mesh.faces)
+    )
+    assert legacy.is_edge_manifold(allow_boundary_edges=not closed)
+    assert legacy.is_vertex_manifold()
+    assert legacy.is_orientable()
+    read = trimesh.Trimesh(mesh.vertices_xyz * 1e3, mesh.faces, process=False)
+    assert read.is_winding_consistent
+    assert read.is_watertight is closed
+    assert read.area_faces.min() > 1e-9
+    assert len(legacy.get_self_intersecting_triangles()) == 0
+
+
+@pytest.fixture(scope='module')
+def closed():
+    settings = MeshSettings(close='all', floor=None, voxel=0.8e-3)
+    return build_mesh(CELL, views(), Poses.identity(2), settings)
+
+
+def test_closed_mesh_is_sound(closed):
+    require_sound(closed, closed=True)
+    assert boundary_loops(closed.vertices_xyz, closed.faces) == []
+
+
+def test_what_was_seen_lies_on_the_sphere(closed):
+    seen = closed.vertices_xyz[np.isfinite(closed.sigma)]
+    distance = SPHERE.distance(seen)
+    assert np.percentile(np.abs(distance), 90) < 0.02e-3
+    assert abs(np.median(distance)) < 0.008e-3
+
+
+def test_open_mesh_has_only_what_was_seen_and_reports_its_loops():
+    mesh = build_mesh(CELL, views(), Poses.identity(2), MeshSettings(floor=None))
+    require_sound(mesh, closed=False)
+    assert mesh.kind.max() < FILLED
+    loops = boundary_loops(mesh.vertices_xyz, mesh.faces)
+    assert sum(loop.edges for loop in loops) == (edge_counts(mesh) == 1).sum()
+    # the pole below, which the camera does not see
+    assert loops[0].center_xyz[2] < 0.02
+    assert loops[0].length > 0.02
+
+
+def test_invented_faces_are_marked_where_nothing_was_seen(closed):
+    middle = closed.vertices_xyz[closed.faces].mean(axis=1)
+    seen = closed.vertices_xyz[np.isfinite(closed.sigma)]
+    low = middle[:, 2] < seen[:, 2].min() - 0.5e-3
+    assert low.any()
+    assert (closed.kind[low] != MEASURED).all()
+    assert (closed.kind == MEASURED).mean() > 0.7
+
+
+def test_part_stands_on_a_flat_face_at_the_floor():
+    mesh = build_mesh(CELL, views(), Poses.identity(2), MeshSettings(close='all', floor=0.02))
+    require_sound(mesh, closed=True)
+    assert mesh.vertices_xyz[:, 2].min() == pytest.approx(0.02, abs=0.05e-3)
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_noise_and_gaps_leave_a_sound_mesh(seed):
+    bad = [spoilt(view, seed) for view in views(steps=40)]
+    settings = MeshSettings(close='all', floor=None, voxel=1.2e-3, island=50)
+    require_sound(build_mesh(CELL, bad, Poses.identity(2), settings), closed=True)
+
+
+def test_smoothing_takes_noise_out():
+    noisy = [spoilt(view, 3) for view in views()]
+    left = []
+    for rounds in (0, 8):
+        settings = MeshSettings(smoothing=rounds, floor=None)
+        mesh = build_mesh(CELL, noisy, Poses.identity(2), settings)
+        distance = SPHERE.distance(mesh.vertices_xyz[np.isfinite(mesh.sigma)])
+        left.append(np.percentile(np.abs(distance), 68))
+    assert left[1] < left[0]
+    assert left[1] < 0.35 * 0.04e-3 * 1.3
+
+
+def test_points_that_are_there_many_times_make_the_same_mesh():
+    (view,) = views(1, steps=40)
+    again = replace(
+        view,
+        **{
+            name: np.repeat(getattr(view, name), 6, axis=0 if name in {'angles', 'seqs'} else 1)
+            for name in ('points_xyz', 'intensity', 'sigma', 'uv', 'angles', 'seqs')
+        },
+    )
+    once = build_mesh(CELL, [view], Poses.identity(1), MeshSettings(floor=None))
+    many = build_mesh(CELL, [again], Poses.identity(1), MeshSettings(floor=None))
+    assert len(many.faces) == pytest.approx(len(once.faces), rel=0.1)
+    assert np.abs(SPHERE.distance(many.vertices_xyz[np.isfinite(many.sigma)])).max() < 2e-3
+
+
+@pytest.mark.parametrize('method', ['integrate', 'paper', 'poisson'])
+def test_every_method_gives_the_sphere(method):
+    mesh = build_mesh(CELL, views(), Poses.identity(2), MeshSettings(method=method, floor=None))
+    assert len(mesh.faces) > 5000
+    assert np.percentile(np.abs(SPHERE.distance(mesh.vertices_xyz)), 90) < 0.2e-3
+
+
+@pytest.mark.parametrize('method', ['integrate', 'paper', 'poisson'])
+def test_view_without_points_is_refused(method):
+    (view,) = views(1)
+    empty = without(view, np.ones(view.valid.shape, dtype=bool))
+    with pytest.raises(GeometryError, match=r'^meshing: '):
+        build_mesh(CELL, [empty], Poses.identity(1), MeshSettings(method=method))
+
+
+def test_view_of_one_profile_is_refused():
+    (view,) = views(1, steps=1)
+    with pytest.raises(GeometryError, match='in neighbouring profiles'):
+        build_mesh(CELL, [view], Poses.identity(1))
+
+
+def test_voxel_that_is_too_small_is_refused():
+    with pytest.raises(ParameterError, match=r'voxel: 1e-05 mm is too small for a part of 50 x'):
+        build_mesh(CELL, views(1), Poses.identity(1), MeshSettings(voxel=1e-8))
+
+
+def test_island_that_nothing_reaches_is_refused():
+    with pytest.raises(GeometryError, match='no piece of surface has 10000000 triangles'):
+        build_mesh(CELL, views(1), Poses.identity(1), MeshSettings(island=10_000_000))
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'),
+    [('method', 'magic'), ('close', 'some'), ('voxel', 0.0), ('voxel', np.nan), ('max_edge', -1),
+     ('smoothing', 300), ('decimate', 1.0), ('island', -1), ('floor', np.nan)],
+)  # fmt: skip
+def test_setting_that_cannot_be_used_is_refused(name, value):
+    with pytest.raises(ParameterError, match=f'^{name}: '):
+        MeshSettings(**{name: value})
+
+
+def test_paper_invents_nothing():
+    with pytest.raises(ParameterError, match='close: the paper invents no surface'):
+        MeshSettings(method='paper', close='all')
