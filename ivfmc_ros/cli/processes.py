@@ -17,8 +17,9 @@ from typing import Self
 
 from ivfmc_ros.errors import HelperError
 
-# Seconds that a program has after each signal.
-_PATIENCE = ((signal.SIGINT, 8.0), (signal.SIGTERM, 4.0), (signal.SIGKILL, 4.0))
+# Seconds that a program has after each signal. Not SIGINT: a program that is still importing its
+# modules would answer it by a traceback.
+_PATIENCE = ((signal.SIGTERM, 10.0), (signal.SIGKILL, 4.0))
 _POLL_S = 0.05
 
 Say = Callable[[str, str], None]
@@ -117,7 +118,7 @@ class Processes:
         for number, seconds in _PATIENCE:
             alive = [p for p in reversed(self._running.values()) if p.poll() is None]
             for process in alive:
-                _signal(process.pid, number, group=number is not signal.SIGINT)
+                _signal(process.pid, number, group=number is signal.SIGKILL)
             _wait(alive, seconds)
         for process in self._running.values():
             # a program that ended badly may have left children

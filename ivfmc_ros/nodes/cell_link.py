@@ -61,6 +61,7 @@ class CellLink:
         self.heads: dict[int, ProfileHead] = {}
         self._node = node
         self._beam: str | None = None
+        self._closed = False
         self._hold = node.publish_on(Header, 'beam_hold')
         self._trajectory = node.publish_on(JointTrajectory, 'joint_trajectory')
         self._keep = [
@@ -89,8 +90,16 @@ class CellLink:
         self.heads.clear()
         self.recorded = None
 
+    def close(self) -> None:
+        """Turn all lasers off and stop the table where it is; say nothing more from then on."""
+        self.hold(None)
+        self.halt()
+        self._closed = True
+
     def hold(self, laser: str | None) -> None:
         """Ask for one laser until told otherwise; None turns all off and falls silent."""
+        if self._closed:
+            return
         self._beam = laser
         # at once, and for None the last word: an empty name is no laser
         self._hold.publish(self._header(laser or ''))
@@ -105,6 +114,12 @@ class CellLink:
         )
         # a stamp of zero is 'now' for a trajectory controller
         self._trajectory.publish(JointTrajectory(joint_names=[self.joint], points=[point]))
+
+    def halt(self) -> None:
+        """Command the table to stand where it is: so a trajectory controller is stopped."""
+        position = self.position
+        if position is not None and not self._closed:
+            self.send(position, 0.2)
 
     def has_table(self) -> bool:
         """Tell whether somebody takes commands."""

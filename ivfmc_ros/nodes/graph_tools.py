@@ -80,6 +80,8 @@ class GraphTools:
         self._link = link
         self._machine = machine
         self._helpers = helpers
+        # who is asked for the first time is not known yet
+        helpers.has('turntable/stop')
         self._watched: list[str] = []
         self._recording = False
         self._stood_ns = 0
@@ -230,13 +232,9 @@ class GraphTools:
 
     async def halt(self, outcome: Outcome) -> None:
         """Stop the table and close the bag, as far as that is possible; never raises."""
-        position = self._link.position
-        if position is not None:
-            # to stop, a trajectory controller is sent to where it is
-            self._link.send(position, 0.2)
-        for path in ('turntable/stop',):
-            if self._helpers.has(path):
-                await self._quietly(self._helpers.trigger(path, 5.0))
+        self._link.halt()
+        if self._helpers.has('turntable/stop'):
+            await self._quietly(self._helpers.trigger('turntable/stop', 5.0))
         if self._recording:
             await self._quietly(self._stop_recording())
 

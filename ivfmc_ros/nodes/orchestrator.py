@@ -65,10 +65,7 @@ class Orchestrator(CellNode):
         """Let lasers and table stand, and say what became of the scan."""
         running = self._running
         if running is not None:
-            self._link.hold(None)
-            position = self._link.position
-            if position is not None:
-                self._link.send(position, 0.2)
+            self._link.close()
             running.interrupted()
         super().stop()
 

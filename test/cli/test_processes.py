@@ -15,8 +15,7 @@ from ivfmc_ros.errors import HelperError
 SLEEP = [
     sys.executable,
     '-c',
-    'import signal, time\nsignal.signal(signal.SIGINT, signal.SIG_DFL)\n'
-    'print("up", flush=True)\ntime.sleep(60)',
+    'import time\nprint("up", flush=True)\ntime.sleep(60)',
 ]
 STUBBORN = [
     sys.executable,
@@ -83,7 +82,7 @@ def test_who_was_killed_is_named():
 
 
 def test_who_does_not_listen_is_killed(monkeypatch):
-    patience = ((signal.SIGINT, 0.2), (signal.SIGTERM, 0.2), (signal.SIGKILL, 2.0))
+    patience = ((signal.SIGTERM, 0.2), (signal.SIGKILL, 2.0))
     monkeypatch.setattr('ivfmc_ros.cli.processes._PATIENCE', patience)
     with Processes(Said()) as processes:
         processes.start('a', STUBBORN, os.environ, ready='up')

@@ -67,7 +67,7 @@ def test_step_scan_with_two_lasers(client, cell):
 
 
 def test_continuous_scan_with_one_laser(client, cell):
-    answer = scan(client, part='bracket', motion='continuous', profiles=40, lasers=['right'])
+    answer = scan(client, motion='continuous', profiles=40, profile_rate=6.0, lasers=['right'])
     (motion,) = answer['registration']['motions']
     assert motion['used'] >= 36
     assert motion['why'] == ''
@@ -79,7 +79,7 @@ def test_continuous_scan_with_one_laser(client, cell):
 def test_busy_cell_refuses_and_cancel_turns_the_laser_off(client, cell):
     client.set('orchestrator', motion='step', profiles=100, lasers=['left'])
     _, first = client.trigger('start_scan')
-    client.until(lambda: _values(client)['profiles_done'] not in ('', '0'), 60.0, cell.log())
+    client.until(lambda: _counted(client, first) > 0, 60.0, cell.log())
     success, answer = client.trigger('scan', 2.0)
     assert (success, answer['code'], answer['scan_id']) == (False, 'BUSY', first['scan_id'])
     assert client.trigger('cancel')[0]
@@ -98,6 +98,11 @@ def test_camera_that_is_killed_fails_the_scan_and_ends_the_cell(client, start, c
     assert cell.up.wait(30.0) == 1
     assert 'camera was killed by signal 9' in cell.up.stderr.read()
     assert gone(cell)
+
+
+def _counted(client, scan):
+    values = _values(client)
+    return int(values['profiles_done']) if values['scan_id'] == scan['scan_id'] else 0
 
 
 def _values(client):

@@ -38,7 +38,7 @@ def test_no_orphan_when_up_is_killed(client, start):
         ((), '--cell cell.yaml is needed'),
         (('--cell', 'nowhere.yaml'), 'nowhere.yaml: there is no such file'),
         (('--simulate', '--set', 'robot.x=1'), 'must be node.parameter=value'),
-        (('--simulate', '--set', 'camera.frame_rate=fast'), 'camera'),
+        (('--simulate', '--set', 'mesher.display_triangles=5'), 'mesher ended with exit code 2'),
     ],
 )
 def test_cell_that_cannot_be_is_refused(start, arguments, said):
