@@ -59,6 +59,21 @@ class AdaptiveSubscription:
         """How many there are."""
         return int(self._node.count_publishers(self.topic))
 
+    def drain(self) -> None:
+        """
+        Take all messages that wait.
+
+        An executor takes one message of each topic in a round; whoever works for long in a round
+        would be late for the others, and lose them when they are more than ``depth``.
+        """
+        handle = self._subscription.handle
+        for _ in range(self._depth):
+            with handle:
+                taken = handle.take_message(self._kind, self._raw)
+            if taken is None:
+                return
+            self._callback(taken[0])
+
     def destroy(self) -> None:
         """Listen no longer."""
         self._node.destroy_timer(self._timer)

@@ -40,12 +40,15 @@ from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 from ivfmc_ros.stripe.sampling import Measured
 from ivfmc_ros.stripe.sampling import SampledAcquisition
 
+# The first pictures of a scan are measured at once, which takes a while; none is lost meanwhile.
+_PICTURE_DEPTH = 90
 # Seconds between looks at pictures for which nothing comes any more.
 _LOOK_S = 0.05
 # Seconds of work at a time, so that messages are taken in and the heart beats in between.
 _BUDGET_S = 0.04
-# The first pictures of a scan decide together; after such a pause, those that came decide.
-_SAMPLE_WAIT_S = 1.0
+# The first pictures of a scan decide together what the settings leave open; after such a pause
+# those that came decide. In steps, somebody may wait for a profile before the table turns on.
+_SAMPLE_WAIT_S = {'continuous': 5.0, 'step': 1.0}
 # Parameters that change how a picture is measured.
 _ACQUISITION = ('extract.', 'volume.', 'noise_')
 
@@ -64,13 +67,20 @@ class Triangulator(CellNode):
         self._counts: Counter[str] = Counter()
         self._seq = 0
         self._last_s = self.steady_s()
+        self._working = False
         self.changed(self._change)
         self._change({'view', 'cell'})
         self._profiles = self.publish_on(PointCloud2, 'profile')
         self._picture = StripePicture(self)
-        self._pictures = AdaptiveSubscription(self, ImageMessage, 'image_raw', self._take_picture)
+        self._pictures = AdaptiveSubscription(
+            self, ImageMessage, 'image_raw', self._take_picture, depth=_PICTURE_DEPTH
+        )
         self._compressed = AdaptiveSubscription(
-            self, CompressedImage, 'image_raw/compressed', self._take_compressed, depth=30
+            self,
+            CompressedImage,
+            'image_raw/compressed',
+            self._take_compressed,
+            depth=_PICTURE_DEPTH,
         )
         self._joints = AdaptiveSubscription(self, JointState, 'joint_states', self._take_joints)
         self._lasers = AdaptiveSubscription(self, JointState, 'laser_states', self._take_lasers)
@@ -138,10 +148,18 @@ class Triangulator(CellNode):
         self.get_logger().warning(f'{topic}: stamps jumped back; what was known is forgotten')
 
     def _work(self) -> None:
-        """Measure the pictures that can be judged, for a while."""
-        if self._is_idle():
+        """Take in what waits, and measure the pictures that can be judged, for a while."""
+        if self._working or self._is_idle():
             return
-        start = self.steady_s()
+        self._working = True
+        try:
+            for subscription in (self._joints, self._lasers, self._pictures):
+                subscription.drain()
+            self._measure_ready(self.steady_s())
+        finally:
+            self._working = False
+
+    def _measure_ready(self, start: float) -> None:
         stream = self._ready_stream()
         if stream is None:
             return
@@ -149,7 +167,7 @@ class Triangulator(CellNode):
             self._measure(stream, match)
             if self.steady_s() - start > _BUDGET_S:
                 return
-        if stream.waiting and start - self._last_s > _SAMPLE_WAIT_S:
+        if stream.waiting and start - self._last_s > _SAMPLE_WAIT_S[self.get('motion')]:
             self._publish(stream.flush())
 
     def _is_idle(self) -> bool:
