@@ -56,24 +56,33 @@ def turns(
     return sweeps
 
 
-def stripes(cell: Cell, solid: Solid, sweeps: Sequence[Sweep], seed: int) -> list[list[Stripe]]:
-    """Return what the camera measures in each profile: exact stripes with noise along u."""
-    rng = np.random.default_rng(seed)
+def stripes(
+    cell: Cell, solid: Solid, sweeps: Sequence[Sweep], seed: int | None
+) -> list[list[Stripe]]:
+    """Return what the camera measures in each profile; without a seed there is no noise."""
     found = []
     for sweep in sweeps:
         standing = solid.moved(sweep.slip)
         renderer = StripeRenderer(cell=cell, solid=standing, platter=None)
-        found.append([_stripe(renderer, angle, sweep.laser, rng) for angle in sweep.true])
-    return found
+        found.append([_stripe(renderer, angle, sweep.laser) for angle in sweep.true])
+    if seed is None:
+        return found
+    rng = np.random.default_rng(seed)
+    return [[noisy(stripe, rng) for stripe in lines] for lines in found]
 
 
-def _stripe(renderer: StripeRenderer, angle: float, laser: int, rng) -> Stripe:
+def _stripe(renderer: StripeRenderer, angle: float, laser: int) -> Stripe:
     truth = renderer.truth(angle, laser)
     # what a line has twice, the extraction would have once
     _, first = np.unique(truth.line, return_index=True)
-    uv = truth.uv[first] + np.outer(NOISE * rng.standard_normal(len(first)), (1.0, 0.0))
-    ones = np.ones(len(uv))
-    return Stripe(uv=uv, intensity=100.0 * ones, width=2.5 * ones, sigma=NOISE * ones)
+    ones = np.ones(len(first))
+    return Stripe(uv=truth.uv[first], intensity=100 * ones, width=2.5 * ones, sigma=NOISE * ones)
+
+
+def noisy(stripe: Stripe, rng) -> Stripe:
+    """Return a stripe with noise along u."""
+    noise = NOISE * rng.standard_normal(len(stripe))
+    return replace(stripe, uv=stripe.uv + np.outer(noise, (1.0, 0.0)))
 
 
 def views_of(
@@ -135,3 +144,61 @@ def tilted(cell: Cell, laser, angle: float, rng):
     about /= np.linalg.norm(about)
     normal = Rotation.from_rotvec(angle * about).apply(laser.normal)
     return replace(laser, normal=normal, offset=float(-normal @ point))
+
+
+SLIP, MOVE = np.radians(0.2), 1e-4
+_MOVES = 4  # ways in which the part is moved; the seeds draw among them
+
+
+@dataclass(frozen=True, eq=False)
+class SlippingSweeps:
+    """
+    A turn of one laser in eight sweeps, each longer by 30 degrees, measured once for all seeds.
+
+    measured : of a part that was never moved, and of it moved in each of some ways
+    """
+
+    cell: Cell
+    angles: Floats
+    measured: list[list[Stripe]]
+    moves: list[Floats]
+
+    def seed(self, seed: int) -> tuple[list[View], list[View]]:
+        """Return the views as the table reports them, and as they truly are."""
+        rng = np.random.default_rng((10, seed))
+        chosen, after = int(rng.integers(_MOVES)), int(rng.integers(1, 8))
+        sweeps, lines = [], []
+        for number in range(8):
+            moved = number >= after
+            first = len(self.angles) * number // 8
+            count = len(self.angles) * (45 + 30) // 360
+            index = np.arange(first, first + count)
+            turns_done, index = np.divmod(index, len(self.angles))
+            true = self.angles[index] + 2.0 * np.pi * turns_done
+            seen = self.measured[1 + chosen if moved else 0]
+            lines.append([noisy(seen[k], rng) for k in index])
+            sweeps.append(
+                Sweep(
+                    laser=0,
+                    commanded=true - SLIP * rng.standard_normal() * (number > 0),
+                    true=true,
+                    slip=self.moves[chosen] if moved else np.eye(4),
+                )
+            )
+        return (
+            views_of(self.cell, lines, sweeps),
+            views_of(self.cell, lines, sweeps, true=True),
+        )
+
+
+def slipping_sweeps(cell: Cell, solid: Solid, steps: int) -> SlippingSweeps:
+    """Measure a part with one laser over a turn of so many steps."""
+    angles = 2.0 * np.pi * np.arange(steps) / steps
+    ways = 2.0 * np.pi * np.arange(_MOVES) / _MOVES
+    moves = [
+        transforms.rigid(np.eye(3), (MOVE * np.cos(way), MOVE * np.sin(way), 0.0)) for way in ways
+    ]
+    sweeps = [
+        Sweep(laser=0, commanded=angles, true=angles, slip=move) for move in (np.eye(4), *moves)
+    ]
+    return SlippingSweeps(cell, angles, stripes(cell, solid, sweeps, None), moves)

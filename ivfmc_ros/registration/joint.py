@@ -92,19 +92,20 @@ class Joint:
 
 
 def solve_jointly(
-    scene: Scene, prior_sigma: Floats, reach: float, start: Joint | None = None
+    scene: Scene, prior_root: Floats, reach: float, start: Joint | None = None
 ) -> Joint:
     """
     Find all poses, and what the data tell of the cell.
 
-    prior_sigma : (6 views + C,), 0 for what shall stay
+    prior_root : (6 views + C,) squared, a matrix L with the prior's covariance L L'; rows of 0
+        for what shall stay
     reach : metres, by how much views may be apart at first
     start : go on from there, fine only
     """
     views = len(scene.patches)
-    values = np.zeros(len(prior_sigma)) if start is None else _values(start)
+    values = np.zeros(len(prior_root)) if start is None else _values(start)
     pairs = list(combinations(range(views), 2))
-    steps = _Steps(scene=scene, prior_sigma=prior_sigma, size=_size(scene.patches))
+    steps = _Steps(scene=scene, prior_root=prior_root, size=_size(scene.patches))
     if start is None:
         for gap in _coarse_reaches(reach, scene.edge):
             values, pairs = steps.coarse(values, pairs, gap)
@@ -114,7 +115,7 @@ def solve_jointly(
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Steps:
     scene: Scene
-    prior_sigma: Floats
+    prior_root: Floats
     size: float
 
     def coarse(
@@ -207,7 +208,7 @@ class _Steps:
     ) -> tuple[System, Solution]:
         noise = Noise(scale=robust_scale(blocks), width=gap / _WIDTHS)
         system = assemble(blocks, self.scene.slopes, self._views, noise, edge)
-        return system, solve(system, values, self.prior_sigma, fixed)
+        return system, solve(system, values, self.prior_root, fixed)
 
     def _moved(self, values: Floats, solution: Solution) -> float:
         """Return by how many metres at most a step moves any view."""

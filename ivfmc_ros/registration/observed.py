@@ -57,60 +57,54 @@ class Solution:
 
 
 def solve(
-    system: System, current: Floats, prior_sigma: Floats, directions: Floats | None = None
+    system: System, current: Floats, prior_root: Floats, directions: Floats | None = None
 ) -> Solution:
     """
     Return the most probable unknowns, with the directions that are not seen at the prior.
 
     current : (n,) the unknowns at which the system was linearised
-    prior_sigma : (n,) not negative
+    prior_root : (n, n), a matrix L with the prior's covariance L L'
     directions : (n, m) solve these whitened ones, whatever the data see
     """
-    S = prior_sigma
-    curvature = _whitened(system.curvature, S)
-    V = _seen(system, S) if directions is None else directions
-    pull = S * system.gradient + curvature @ _divided(current, S)
+    L = prior_root
+    curvature = L.T @ system.curvature @ L
+    V = _seen(system, L) if directions is None else directions
+    pull = L.T @ system.gradient + curvature @ (np.linalg.pinv(L, rcond=1e-9) @ current)
     # rotated to where what the data find errs independently
-    variance, axes = np.linalg.eigh(_spread(system, S, V))
+    variance, axes = np.linalg.eigh(_spread(system, L, V))
     variance = np.maximum(variance, _LEAST_VARIANCE)
     found = axes.T @ np.linalg.solve(V.T @ curvature @ V, V.T @ pull)
     V, along = V @ axes, found / (1.0 + variance)
-    posterior = np.eye(len(S)) - V @ np.diag(1.0 / (1.0 + variance)) @ V.T
+    posterior = np.eye(len(L)) - V @ np.diag(1.0 / (1.0 + variance)) @ V.T
     return Solution(
-        values=S * (V @ along),
-        covariance=S[:, None] * posterior * S,
-        prior_sigma=S,
+        values=L @ (V @ along),
+        covariance=L @ posterior @ L.T,
+        prior_sigma=np.linalg.norm(L, axis=1),
         directions=V,
         surprise=float((found * along / variance).sum()),
     )
 
 
-def _seen(system: System, S: Floats) -> Floats:
+def _seen(system: System, L: Floats) -> Floats:
     """Return the (n, m) whitened directions that the data know clearly better than the prior."""
-    level, V = np.linalg.eigh(_whitened(system.information, S))
+    level, V = np.linalg.eigh(L.T @ system.information @ L)
     V = V[:, level > CLEARLY]
     # what errs together may leave less than the number of pairs promises
-    variance, axes = np.linalg.eigh(_spread(system, S, V))
+    variance, axes = np.linalg.eigh(_spread(system, L, V))
     return np.asarray(V @ axes[:, variance < 1.0 / CLEARLY])
 
 
-def _spread(system: System, S: Floats, V: Floats) -> Floats:
+def _spread(system: System, L: Floats, V: Floats) -> Floats:
     """Return the covariance (m, m) of what the data alone find along directions ``V`` (n, m)."""
     if not V.shape[1]:
         return np.zeros((0, 0))
-    inner = V.T @ _whitened(system.information, S) @ V
-    claimed = V.T @ _whitened(system.curvature, S) @ V
-    found = V.T @ _whitened(system.scatter, S) @ V
+    white = L @ V
+    inner, claimed, found = (
+        white.T @ matrix @ white
+        for matrix in (system.information, system.curvature, system.scatter)
+    )
     # at least what independent noise makes: a lucky sample is no precision
-    L = np.linalg.cholesky(claimed + 1e-9 * np.trace(claimed) * np.eye(len(claimed)))
-    ratio, axes = np.linalg.eigh(np.linalg.solve(L, np.linalg.solve(L, found).T))
-    root = np.linalg.solve(inner, L @ axes * np.sqrt(np.maximum(ratio, 1.0)))
+    half = np.linalg.cholesky(claimed + 1e-9 * np.trace(claimed) * np.eye(len(claimed)))
+    ratio, axes = np.linalg.eigh(np.linalg.solve(half, np.linalg.solve(half, found).T))
+    root = np.linalg.solve(inner, half @ axes * np.sqrt(np.maximum(ratio, 1.0)))
     return np.asarray(root @ root.T)
-
-
-def _whitened(matrix: Floats, S: Floats) -> Floats:
-    return np.asarray(S[:, None] * matrix * S)
-
-
-def _divided(values: Floats, S: Floats) -> Floats:
-    return np.asarray(np.divide(values, S, out=np.zeros_like(values), where=S > 0))

@@ -9,8 +9,10 @@ import math
 import numpy as np
 
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 
+_TURN = 2  # about z, in the order of a pose's unknowns
 # Two lasers that are 66 degrees apart see no higher order well.
 _MOST_ORDERS = 11
 
@@ -65,6 +67,38 @@ class CellPrior:
             raise ParameterError(
                 f'prior: orders: {self.orders} is out of range; it must be 1 to {_MOST_ORDERS}'
             )
+
+
+def pose_root(prior: TablePrior, held: Bools) -> Floats:
+    """
+    Return a matrix L, (6 views) squared, with the covariance L L' of the poses of all views.
+
+    A part that was moved stays where it is, and lost steps stay lost: from view to view all is
+    a random walk, away from the views that are held. Half of the angle's variance is each
+    view's own.
+
+    held : (views,) bool, views that stay where they are
+    """
+    walk = _walk(held)
+    own = np.diag(np.where(held, 0.0, 1.0))
+    root = np.zeros((6 * len(held), 6 * len(held)))
+    for index, sigma in enumerate(prior.sigma):
+        covariance = 0.5 * (walk + own) if index == _TURN else walk
+        level, axes = np.linalg.eigh(covariance)
+        root[index::6, index::6] = sigma * axes * np.sqrt(np.maximum(level, 0.0))
+    return root
+
+
+def _walk(held: Bools) -> Floats:
+    """Return (views, views): the covariance of steps of variance 1 between neighbours."""
+    views = len(held)
+    steps = np.diff(np.eye(views), axis=0)
+    # the walk given that it is 0 at each view that is held
+    precision = steps.T @ steps + np.diag(np.where(held, 1e9, 1e-6))
+    covariance = np.linalg.inv(precision)
+    covariance[held] = 0.0
+    covariance[:, held] = 0.0
+    return np.asarray((covariance + covariance.T) / 2)
 
 
 def require_sigmas(prior: object) -> None:

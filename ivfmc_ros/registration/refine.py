@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.model import Floats
@@ -30,6 +31,7 @@ from ivfmc_ros.registration.measured import slopes
 from ivfmc_ros.registration.patches import fit_patches
 from ivfmc_ros.registration.patches import Patches
 from ivfmc_ros.registration.prior import CellPrior
+from ivfmc_ros.registration.prior import pose_root
 from ivfmc_ros.registration.prior import TablePrior
 from ivfmc_ros.registration.samples import common_edge
 from ivfmc_ros.registration.samples import sample
@@ -112,10 +114,9 @@ def refine(
     if not before:
         return scan.unchanged('not checked: no surface was seen twice')
     references, _ = reference_views(before, len(views))
-    moves = (table or TablePrior()).sigma if 'poses' in chosen else np.zeros(DOF)
-    sigma = np.tile(moves, (len(views), 1))
-    sigma[references] = 0.0
-    joint = solve_jointly(scene, np.concatenate([sigma.ravel(), unknowns.sigma]), reach)
+    held = np.isin(np.arange(len(views)), references) | ('poses' not in chosen)
+    root = block_diag(pose_root(table or TablePrior(), held), np.diag(unknowns.sigma))
+    joint = solve_jointly(scene, root, reach)
     return scan.judged(joint, scene, reach)
 
 

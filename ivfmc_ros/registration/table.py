@@ -23,6 +23,7 @@ from ivfmc_ros.registration.observed import Solution
 from ivfmc_ros.registration.pairs import Pairs
 from ivfmc_ros.registration.patches import fit_patches
 from ivfmc_ros.registration.patches import Patches
+from ivfmc_ros.registration.prior import pose_root
 from ivfmc_ros.registration.prior import TablePrior
 from ivfmc_ros.registration.samples import common_edge
 from ivfmc_ros.registration.samples import MOST_SAMPLES
@@ -38,6 +39,9 @@ _IMPLAUSIBLE = 6.0
 _LEAST_PATCHES = 30
 # Corrections so little above what noise alone makes of them are noise (in its deviations).
 _NOISE = 4.0
+# A motion that leaves more than this share of the misfit, and more than so many sigmas of the
+# points, is not what happened: the cell errs, or the part bends.
+_LEFT, _NOISY = 0.5, 3.0
 # Views that were turned down are held at the table, and the others solved again.
 _ROUNDS = 3
 
@@ -103,7 +107,7 @@ class _Table:
         if self.reference.all():
             return Poses.identity(views), found
         for _ in range(_ROUNDS):
-            joint = solve_jointly(self.scene, self._sigma(objections), self.reach)
+            joint = solve_jointly(self.scene, self._root(objections), self.reach)
             after = meetings(self.scene, joint.poses, self.reach)
             moved = {
                 view: self._verdict(view, joint, after)
@@ -123,11 +127,10 @@ class _Table:
         held = [replace(v, applied=False, why=why) if v.applied else v for v in found]
         return Poses.identity(len(found)), held
 
-    def _sigma(self, objections: Collection[int]) -> Floats:
-        sigma = np.tile(self.prior.sigma, (len(self.numbers), 1))
-        sigma[self.reference] = 0.0
-        sigma[list(objections)] = 0.0
-        return np.asarray(sigma.ravel())
+    def _root(self, objections: Collection[int]) -> Floats:
+        held = self.reference.copy()
+        held[list(objections)] = True
+        return pose_root(self.prior, held)
 
     def _unmoved(self, view: int) -> Verdict:
         patches = len(self.scene.patches[view])
@@ -179,6 +182,10 @@ class _Table:
             (sigmas > _IMPLAUSIBLE, f'a correction of {sigmas:.0f} sigmas of the table'),
             (not significant(joint.solution), 'the views agree within their noise'),
             (new.rms >= old.rms, 'the correction fits no better'),
+            (
+                new.rms > max(_LEFT * old.rms, _NOISY * new.noise),
+                'a motion explains too little of how the views differ',
+            ),
         )
         return next((f'table believed: {why}' for fails, why in objections if fails), '')
 

@@ -62,18 +62,20 @@ class Fit:
 
     overlap : share of its patches with a partner; rms : metres, along the normal, trimmed
     inliers : share of the pairs within three robust deviations
+    noise : metres, what the points' own sigmas explain of rms
     """
 
     overlap: float
     rms: float
     inliers: float
+    noise: float
 
 
 def fit_of(view: int, blocks: Sequence[Pairs], patches: int) -> Fit:
     """Return how a view of so many patches fits, by the pairs in which it is ``a``."""
     own = [pairs for pairs in blocks if pairs.a == view]
     if not own:
-        return Fit(overlap=0.0, rms=float('nan'), inliers=float('nan'))
+        return Fit(overlap=0.0, rms=float('nan'), inliers=float('nan'), noise=0.0)
     touched = np.zeros(patches, dtype=bool)
     for pairs in own:
         touched[pairs.i] = True
@@ -83,6 +85,7 @@ def fit_of(view: int, blocks: Sequence[Pairs], patches: int) -> Fit:
         overlap=float(touched.mean()),
         rms=trimmed_rms(left),
         inliers=float(np.mean(np.abs(left) <= 3.0 * usual)),
+        noise=float(np.median(np.concatenate([pairs.sigma for pairs in own]))),
     )
 
 

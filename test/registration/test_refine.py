@@ -1,0 +1,112 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
+from erring_table import erring_cell
+from erring_table import stripes
+from erring_table import turns
+from erring_table import views_of
+import numpy as np
+import pytest
+from surfaces import empty
+from synthetic import small_cell
+
+from ivfmc_ros.cell import transforms
+from ivfmc_ros.errors import GeometryError
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.registration.prior import CellPrior
+from ivfmc_ros.registration.refine import refine
+from ivfmc_ros.simulation.parts import box
+from ivfmc_ros.surface import Surface
+
+CELL = small_cell()
+PART = box((0.044, 0.030, 0.040)).moved(
+    transforms.rigid(transforms.rotation_z(0.3), (0.006, -0.004, 0.0))
+)
+ERROR = np.radians(0.6)
+
+
+@pytest.fixture(scope='module')
+def scan():
+    sweeps = turns(90, np.zeros_like)
+    return sweeps, stripes(CELL, PART, sweeps, 1)
+
+
+def reported(sweeps, order=1):
+    """The table reports less than it turned by a periodic error."""
+    return [
+        replace(sweep, commanded=sweep.true - ERROR * np.cos(order * sweep.true))
+        for sweep in sweeps
+    ]
+
+
+def rms(views):
+    points = np.concatenate([view.cloud() for view in views])
+    return np.sqrt(np.mean(Surface(PART.vertices_xyz, PART.faces).nearest(points).distance ** 2))
+
+
+def test_angle_error_is_found_where_the_lasers_see_it(scan):
+    sweeps, measured = scan
+    views = views_of(CELL, measured, reported(sweeps))
+    found = refine(CELL, views, ('angle',), prior=CellPrior(angle=ERROR, orders=2))
+    known = {one.name: one for one in found.estimates}
+    assert found.applied
+    assert found.rms_after < 0.7 * found.rms_before
+    assert known['angle cos 1'].observed
+    assert abs(known['angle cos 1'].value - ERROR) < 3 * known['angle cos 1'].sigma
+    assert abs(known['angle sin 1'].value) < 3 * known['angle sin 1'].sigma
+    assert rms(found.views) < 0.7 * rms(views)
+    assert found.cell is CELL  # the angle is the table's, and in no cell.yaml
+
+
+def test_wrong_axis_and_plane_are_corrected(scan):
+    sweeps, measured = scan
+    bad = erring_cell(CELL, np.random.default_rng(4), offset=3e-4, tilt=0.1, laser_tilt=0.1)
+    views = views_of(bad, measured, sweeps)
+    prior = CellPrior(axis_offset=3e-4, axis_tilt=2e-3, laser_tilt=2e-3, laser_offset=1e-4)
+    found = refine(bad, views, ('axis', 'lasers'), prior=prior)
+    assert found.applied
+    assert rms(found.views) < 0.8 * rms(views)
+    again = views_of(found.cell, measured, sweeps)
+    assert np.nanmax(np.abs(again[0].points_xyz - found.views[0].points_xyz)) < 1e-9
+
+
+def test_good_cell_is_confirmed(scan):
+    sweeps, measured = scan
+    views = views_of(CELL, measured, sweeps)
+    found = refine(CELL, views, ('axis', 'angle', 'lasers'))
+    assert not found.applied
+    assert found.cell is CELL
+    assert found.why.startswith('calibration')
+
+
+def test_single_laser_in_a_single_sweep_checks_nothing(scan):
+    sweeps, measured = scan
+    (view,) = views_of(CELL, measured[:1], sweeps[:1])
+    found = refine(CELL, [view], ('axis', 'angle'))
+    assert found.why == 'not checked: no surface was seen twice'
+    assert not any(one.observed for one in found.estimates)
+
+
+def test_empty_views_check_nothing(scan):
+    sweeps, measured = scan
+    views = [empty(view) for view in views_of(CELL, measured, sweeps)]
+    assert refine(CELL, views, ('axis',)).why == 'not checked: no view has a surface'
+
+
+def test_unknown_group_is_refused():
+    with pytest.raises(ParameterError, match="refine: 'camera' is not one of poses, axis"):
+        refine(CELL, [], ('camera',))
+
+
+def test_views_of_another_cell_are_refused(scan):
+    sweeps, measured = scan
+    views = views_of(CELL, measured, sweeps)
+    other = erring_cell(CELL, np.random.default_rng(1))
+    with pytest.raises(GeometryError, match='refine with the cell that the scan was reconst'):
+        refine(other, views, ('axis',))
+
+
+def test_orders_that_no_table_needs_are_refused():
+    with pytest.raises(ParameterError, match='prior: orders: 12 is out of range'):
+        CellPrior(orders=12)
