@@ -15,6 +15,9 @@ from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.inspection import deviation
 from ivfmc_ros.inspection import overview
 from ivfmc_ros.inspection import report
+from ivfmc_ros.inspection.html import write_html
+from ivfmc_ros.inspection.scan_page import mesh_figures
+from ivfmc_ros.inspection.scan_page import scan_page
 from ivfmc_ros.meshing import export
 from ivfmc_ros.model import Floats
 from ivfmc_ros.pipeline import Reconstruction
@@ -56,11 +59,14 @@ def write_results(
             'parameters': asdict(made.settings),
             'counts': {**made.counts, 'skipped': dict(skipped)},
             'seconds': {**made.seconds, **watch.seconds},
+            'mesh': mesh_figures(made.mesh),
             'residuals': report.residuals(cell, made.views, made.verdicts),
         }
         if nominal is not None:
             document['deviation_m'] = compare(points, made.mesh.vertices_xyz, nominal)
         report.write_report(target / 'report.json', document)
+        page = scan_page(source, made.mesh, made.views, made.poses, made.samples, document)
+        write_html(target / 'report.html', page)
     return document
 
 

@@ -172,6 +172,8 @@ def _label(key: str) -> str:
 def _cell(key: str, value: Any) -> str:
     if isinstance(value, Mapping):
         return _pairs(value)
+    if isinstance(value, list | tuple) and value and isinstance(value[0], Mapping):
+        return _table(value)
     if isinstance(value, float):
         if not math.isfinite(value):
             return ''

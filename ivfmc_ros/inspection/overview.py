@@ -40,7 +40,7 @@ def write_cloud_sheet(path: Path, points_xyz: Floats, height: Floats) -> None:
 
 def write_stripe_sheet(path: Path, samples: Sequence[tuple[Frame, Profile]]) -> None:
     """Draw the kept stripe points into some of the camera's pictures, four in a row."""
-    tiles = [_overlay(frame, profile) for frame, profile in samples]
+    tiles = [overlay(frame, profile) for frame, profile in samples]
     while len(tiles) % 4:
         tiles.append(np.full_like(tiles[0], 255))
     write_sheet(path, [tiles[k : k + 4] for k in range(0, len(tiles), 4)])
@@ -53,7 +53,8 @@ def _viewpoints(points_xyz: Floats) -> list[Viewpoint]:
     ]
 
 
-def _overlay(frame: Frame, profile: Profile, width: int = 640) -> Picture:
+def overlay(frame: Frame, profile: Profile, width: int = 640) -> Picture:
+    """Return a camera picture, BGR, ``width`` pixels wide, with the points found in red."""
     image: Any = frame.image if frame.image.dtype == np.uint8 else frame.image // 257
     if image.ndim == 2:
         image = cv2.cvtColor(image.astype(np.uint8), cv2.COLOR_GRAY2BGR)

@@ -14,6 +14,7 @@ from ivfmc_ros.meshing.integrate import integrate
 from ivfmc_ros.meshing.join import join_views
 from ivfmc_ros.meshing.poisson import poisson
 from ivfmc_ros.meshing.settings import MeshSettings
+from ivfmc_ros.meshing.thin import decimated
 from ivfmc_ros.model import Mesh
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
@@ -44,7 +45,7 @@ def build_mesh(
             mesh = poisson(samples, voxel, reach, settings)
         else:
             mesh = integrate(samples, voxel, settings)
-    return mesh
+    return decimated(mesh, settings.decimate)[0] if settings.decimate else mesh
 
 
 def usual_edge(views: Sequence[View]) -> float:

@@ -43,6 +43,8 @@ _BRIDGED_RINGS = 3
 _MEAN_KERNEL = 1.0 / (np.sqrt(2.0 * np.pi) * field.SPREAD * 4.0 * np.pi * field.SPREAD**2)
 # A closed piece of which less was seen is an artefact.
 _LEAST_SEEN = 0.1
+# A piece of a smaller share of the whole is a stray one.
+_STRAY = 0.002
 # Diagonals whose halves are bent alike within this (cosine) are chosen by their length.
 _ALIKE = 0.01
 _LAST_KIND = {'none': BRIDGED, 'base': BASE, 'all': FILLED}
@@ -166,6 +168,7 @@ def _solid_pieces(quads: Ints, kind: Kinds, vertices: int, least: int) -> Bools:
     piece = topology.pieces(quads, vertices)
     size = np.bincount(piece)
     seen = np.bincount(piece, kind == MEASURED)
+    least = max(least, int(_STRAY * len(quads)))
     return np.asarray(((size >= least) & (seen >= _LEAST_SEEN * size))[piece])
 
 

@@ -24,7 +24,8 @@ class MeshSettings:
     voxel : edge of a voxel of integrate and poisson; None for the spacing of the points
     smoothing : rounds of bilateral normal filtering; 0 leaves the noise in
     decimate : how far the simplified mesh may be from the full one; 0 keeps all triangles
-    island : a piece of surface with fewer triangles is dropped
+    island : a piece of surface with fewer triangles is dropped, and so is one that is less than
+        0.2 % of all
     floor : height of the platter in ``turntable``, on which the standing face lies; None if the
         part does not stand on one
     """

@@ -1,0 +1,194 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
+from cylinder_scan import stated_cell
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ivfmc_ros.cell import transforms
+from ivfmc_ros.errors import FileError
+from ivfmc_ros.errors import GeometryError
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.inspection.alignment import align
+from ivfmc_ros.inspection.alignment import from_datums
+from ivfmc_ros.inspection.inspect import inspect
+from ivfmc_ros.inspection.inspect import InspectSettings
+from ivfmc_ros.inspection.nominal import Body
+from ivfmc_ros.inspection.nominal import read_body
+from ivfmc_ros.inspection.nominal import require_alike
+from ivfmc_ros.inspection.nominal import require_closed
+from ivfmc_ros.inspection.regions import regions_of
+from ivfmc_ros.inspection.summary import document
+from ivfmc_ros.inspection.verdict import judge
+from ivfmc_ros.inspection.verdict import judge_surface
+from ivfmc_ros.meshing.export import write_solid
+from ivfmc_ros.simulation.parts import box
+from ivfmc_ros.simulation.parts import stepped_shaft
+from ivfmc_ros.surface import Surface
+
+SHAFT = stepped_shaft([(0.02, 0.015), (0.01, 0.02)])
+BOX = box((0.02, 0.03, 0.05))
+
+
+def body(solid, closed=True):
+    return Body(vertices_xyz=solid.vertices_xyz, faces=solid.faces, closed=closed)
+
+
+def fine_box():
+    """A box of many small triangles, as a scan has them."""
+    import open3d as o3d
+
+    mesh = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(BOX.vertices_xyz), o3d.utility.Vector3iVector(BOX.faces)
+    ).subdivide_midpoint(5)
+    return Body(
+        vertices_xyz=np.asarray(mesh.vertices), faces=np.asarray(mesh.triangles), closed=True
+    )
+
+
+def moved(mesh, T):
+    return replace(mesh, vertices_xyz=transforms.apply(T, mesh.vertices_xyz))
+
+
+def test_perfect_part_passes_and_one_that_is_too_large_fails():
+    nominal = body(BOX)
+    good = inspect(fine_box(), nominal, InspectSettings(tolerance=0.05e-3))
+    assert good.whole.verdict == 'pass'
+    assert good.whole.deviation.worst < 1e-6
+    large = replace(fine_box(), vertices_xyz=fine_box().vertices_xyz * 1.02)
+    bad = inspect(large, nominal, InspectSettings(tolerance=0.05e-3))
+    assert bad.whole.verdict == 'fail'
+    assert bad.whole.deviation.mean > 0.1e-3
+    assert document(bad, InspectSettings())['verdict'] == 'fail'
+
+
+def test_dent_shows_in_its_region_only():
+    dented = fine_box()
+    vertices = dented.vertices_xyz.copy()
+    top = vertices[:, 2] > 0.0499
+    near = np.hypot(vertices[:, 0], vertices[:, 1]) < 0.004
+    vertices[top & near, 2] -= 0.2e-3
+    found = inspect(
+        replace(dented, vertices_xyz=vertices), body(BOX), InspectSettings(align='none')
+    )
+    verdicts = [judged.verdict for judged in found.regions]
+    assert sorted(verdicts) == ['fail', *['pass'] * 5]
+    assert found.whole.deviation.worst == pytest.approx(0.2e-3, rel=0.01)
+    # into the part is negative
+    assert found.deviations.min() == pytest.approx(-0.2e-3, rel=0.01)
+
+
+def test_uncertain_calibration_leaves_it_undecided():
+    off = replace(fine_box(), vertices_xyz=fine_box().vertices_xyz * 1.0009)
+    settings = InspectSettings(tolerance=0.03e-3)
+    sure = inspect(off, body(BOX), settings)
+    assert not sure.calibrated
+    unsure = inspect(off, body(BOX), settings, stated_cell())
+    assert unsure.calibrated
+    assert unsure.whole.uncertainty > 0.005e-3
+    assert sure.whole.verdict == 'pass'
+    assert unsure.whole.verdict == 'not decided'
+
+
+def test_features_of_a_shaft_are_found_and_sized():
+    found = inspect(body(SHAFT), body(SHAFT), InspectSettings(edge=0.0, align='none'))
+    sizes = sorted(s.feature.diameter for s in found.sizes if s.feature.kind == 'cylinder')
+    assert sizes == pytest.approx([0.02, 0.04], abs=2e-6)
+
+
+def test_faces_of_a_box_and_a_shaft_are_told_apart():
+    assert [region.name for region in regions_of(BOX.vertices_xyz, BOX.faces)] == [
+        f'plane {k}' for k in range(1, 7)
+    ]
+    shapes = [region.shape.kind for region in regions_of(SHAFT.vertices_xyz, SHAFT.faces)]
+    assert sorted(shapes) == ['cylinder', 'cylinder', 'plane', 'plane', 'plane']
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_global_alignment_finds_the_pose_from_anywhere(seed):
+    rng = np.random.default_rng(seed)
+    shift = transforms.rigid(Rotation.random(random_state=seed).as_matrix(), rng.normal(size=3))
+    mesh = moved(fine_box(), shift)
+    surface = Surface(BOX.vertices_xyz, BOX.faces)
+    found = align(mesh.vertices_xyz, surface, fine_box().vertices_xyz, 'global')
+    assert found.rms < 1e-6
+
+
+def test_datum_points_give_the_pose():
+    points = np.array([[0.0, 0, 0], [0.03, 0, 0], [0, 0.02, 0], [0, 0, 0.05]])
+    T = transforms.rigid(Rotation.from_rotvec([0.1, -0.4, 0.2]).as_matrix(), (0.01, 0.02, 0.03))
+    found = from_datums(points, transforms.apply(T, points))
+    assert found.nominal_from_mesh == pytest.approx(T, abs=1e-12)
+    with pytest.raises(GeometryError, match='datum: the points lie on one line'):
+        from_datums(np.outer(np.arange(4.0), [1, 1, 0]), np.outer(np.arange(4.0), [1, 0, 0]))
+    with pytest.raises(GeometryError, match='three or more points'):
+        from_datums(points[:2], points[:2])
+
+
+@pytest.mark.parametrize(('wrong', 'right'), [('m', 'mm'), ('inch', 'mm'), ('mm', 'inch')])
+def test_unit_that_is_wrong_is_suspected_and_named(tmp_path, wrong, right):
+    write_solid(tmp_path / 'nominal.stl', BOX.vertices_xyz, BOX.faces, right)
+    nominal = read_body(tmp_path / 'nominal.stl', wrong)
+    with pytest.raises(GeometryError, match=f'in {right} they would be alike.*--nominal-unit'):
+        require_alike(fine_box(), nominal, tmp_path / 'nominal.stl', wrong)
+    again = read_body(tmp_path / 'nominal.stl', right)
+    require_alike(fine_box(), again, tmp_path / 'nominal.stl', right)
+    assert again.closed
+
+
+def test_size_that_no_unit_explains_is_said_so(tmp_path):
+    large = replace(fine_box(), vertices_xyz=fine_box().vertices_xyz * 5)
+    with pytest.raises(GeometryError, match='no unit makes them alike'):
+        require_alike(large, body(BOX), tmp_path / 'x.stl', 'mm')
+
+
+def test_nominal_with_a_hole_is_refused(tmp_path):
+    write_solid(tmp_path / 'open.stl', BOX.vertices_xyz, BOX.faces[1:])
+    nominal = read_body(tmp_path / 'open.stl', 'mm')
+    assert not nominal.closed
+    with pytest.raises(GeometryError, match=r'open\.stl: the triangles do not close'):
+        require_closed(nominal, tmp_path / 'open.stl')
+
+
+def test_files_that_are_no_meshes_are_refused(tmp_path):
+    (tmp_path / 'text.stl').write_text('nothing')
+    with pytest.raises(FileError, match=r'text\.stl: holds no triangles'):
+        read_body(tmp_path / 'text.stl', 'mm')
+    with pytest.raises(FileError, match='there is no such file'):
+        read_body(tmp_path / 'none.stl', 'mm')
+    with pytest.raises(FileError, match=r"'\.step' is no mesh format known here"):
+        read_body(tmp_path / 'part.step', 'mm')
+    with pytest.raises(ParameterError, match="unit: 'cm' is not one of"):
+        read_body(tmp_path / 'text.stl', 'cm')
+
+
+@pytest.mark.parametrize(
+    ('deviation', 'u', 'verdict'),
+    [
+        (0.05, 0.01, 'pass'),
+        (-0.05, 0.01, 'pass'),
+        (0.09, 0.01, 'not decided'),
+        (0.11, 0.01, 'not decided'),
+        (-0.12, 0.01, 'fail'),
+        (0.0, 0.1, 'not decided'),
+        (np.nan, 0.01, 'not decided'),
+    ],
+)
+def test_guard_band_decides(deviation, u, verdict):
+    assert judge(deviation * 1e-3, u * 1e-3, 0.1e-3) == verdict
+
+
+def test_single_stray_vertex_fails_no_surface():
+    deviations = np.zeros(5000)
+    deviations[7] = 1e-3
+    assert judge_surface(deviations, np.zeros(5000), 0.1e-3) == 'pass'
+    deviations[:10] = 1e-3
+    assert judge_surface(deviations, np.zeros(5000), 0.1e-3) == 'fail'
+
+
+@pytest.mark.parametrize('tolerance', [0.0, -1e-3, np.nan, 2.0])
+def test_tolerance_out_of_range_is_refused(tolerance):
+    with pytest.raises(ParameterError, match=r'^tolerance: '):
+        InspectSettings(tolerance=tolerance)
