@@ -81,7 +81,7 @@ def test_dent_shows_in_its_region_only():
 
 
 def test_uncertain_calibration_leaves_it_undecided():
-    off = replace(fine_box(), vertices_xyz=fine_box().vertices_xyz * 1.0009)
+    off = replace(fine_box(), vertices_xyz=fine_box().vertices_xyz * 1.0006)
     settings = InspectSettings(tolerance=0.03e-3)
     sure = inspect(off, body(BOX), settings)
     assert not sure.calibrated
