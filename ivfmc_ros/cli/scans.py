@@ -32,7 +32,11 @@ def scans() -> None:
 def list_scans(root: Path, part: str | None) -> None:
     """List the scans, the oldest first."""
     catalogue = Catalogue(root)
-    table = Table('scan', 'part', 'created', 'stage', 'code', 'views', 'profiles')
+    table = Table()
+    # somebody copies it from here
+    table.add_column('scan', no_wrap=True)
+    for name in ('part', 'created', 'stage', 'code', 'views', 'profiles'):
+        table.add_column(name)
     for row in catalogue.scans():
         if part is None or row.part == part:
             views = catalogue.views(row.scan_id)
