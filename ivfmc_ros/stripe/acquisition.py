@@ -23,6 +23,7 @@ from ivfmc_ros.model import Image
 from ivfmc_ros.model import Profile
 from ivfmc_ros.stripe import channel
 from ivfmc_ros.stripe import denoise
+from ivfmc_ros.stripe.estimators import DEFAULT
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
 from ivfmc_ros.stripe.extract import Stripe
@@ -30,9 +31,12 @@ from ivfmc_ros.stripe.region import stripe_mask
 from ivfmc_ros.stripe.texture import coloured
 from ivfmc_ros.stripe.triangulate import triangulate
 
-# At most this share of a scan's stripe is cut by edges, and to less than so much of its width.
-_NARROW = 0.1
-_NARROWER = 0.8
+# A stripe that is narrower than this share of a scan's median may have been cut.
+_NARROW = 0.5
+
+# Where the usual sigma is more than this share of the stripe's width, the stripe is no bell:
+# 0.04 on metal, 0.1 in heavy speckle, 0.5 on wax.
+_GLOW = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,16 +106,28 @@ class Acquisition:
         """
         Decide by some pictures what the settings leave open.
 
-        These are the colours that measure the stripe, and how narrow it can be.
+        These are the colours that measure the stripe, whether the material glows, and how narrow
+        the stripe can be.
         """
         frames = list(frames)
         extraction = self.settings.extract
         if extraction.channel == 'auto':
             chosen = channel.unclipped_channel(self._masked(frame) for frame in frames)
             extraction = replace(extraction, channel=chosen)
+        if extraction.method == 'auto':
+            glows = self._glows(frames, extraction)
+            extraction = replace(extraction, method='top_of_peak' if glows else DEFAULT)
         if extraction.least_width is None:
             extraction = replace(extraction, least_width=self._least_width(frames, extraction))
         self.settings = replace(self.settings, extract=extraction)
+
+    def _glows(self, frames: Sequence[Frame], settings: ExtractSettings) -> bool:
+        """Tell whether what the stripe looks like leaves its place in doubt nearly everywhere."""
+        lenient = replace(settings, method=DEFAULT, max_doubt=50.0, max_error=50.0)
+        found = [self._extract(frame, lenient) for frame in frames]
+        doubts = [np.zeros(0), *(stripe.sigma / stripe.width for stripe in found)]
+        doubt = np.concatenate(doubts)
+        return bool(len(doubt) and np.median(doubt) > _GLOW)
 
     def _least_width(self, frames: Sequence[Frame], settings: ExtractSettings) -> float | None:
         widths = np.concatenate(
@@ -119,8 +135,7 @@ class Acquisition:
         )
         if not len(widths):
             return None
-        narrow = np.quantile(widths, _NARROW)
-        return float(np.clip(_NARROWER * narrow, 0.1, 50.0))
+        return float(np.clip(_NARROW * np.median(widths), 0.1, 50.0))
 
     def _extract(self, frame: Frame, settings: ExtractSettings) -> Stripe:
         direction = self.cell.lasers[frame.laser].stripe

@@ -10,16 +10,12 @@ a Stripe to Sub-pixel Accuracy) compare most of them.
 import numpy as np
 from scipy.special import ndtr
 
-from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Singles
 from ivfmc_ros.stripe import symmetric
 from ivfmc_ros.stripe.noise import Noise
 from ivfmc_ros.stripe.patches import Estimate
+from ivfmc_ros.stripe.patches import of_rough
 from ivfmc_ros.stripe.patches import Patches
-from ivfmc_ros.stripe.patches import signal_to_noise
-from ivfmc_ros.stripe.patches import UNTOLD
-
-Row = Floats | Singles
 
 _RECENTRINGS = 3
 _NEWTON_STEPS = 4
@@ -39,7 +35,7 @@ def brightest(patches: Patches, noise: Noise) -> Estimate:
     height = patches.rough.height.astype(np.float64)
     grain = np.sqrt(noise.variance(patches.rough.level + height, height)) / height
     reach = patches.rough.width * np.sqrt(2.0 * np.sqrt(2.0) * grain)
-    return _estimate(patches, noise, place, np.sqrt(reach**2 / 3.0 + 1.0 / 12.0))
+    return of_rough(patches, noise, place, np.sqrt(reach**2 / 3.0 + 1.0 / 12.0))
 
 
 def centre_of_mass(patches: Patches, noise: Noise) -> Estimate:
@@ -57,7 +53,7 @@ def centre_of_mass(patches: Patches, noise: Noise) -> Estimate:
         variance = noise.variance(patches.values, signal)
         spread = (weight * (patches.x - centre)) ** 2 * variance
         sigma = np.sqrt(spread.sum(axis=1)) / total[:, 0] / _follow(_MASS_WINDOW)
-    return _estimate(patches, noise, centre[:, 0], sigma)
+    return of_rough(patches, noise, centre[:, 0], sigma)
 
 
 def zero_crossing(patches: Patches, noise: Noise) -> Estimate:
@@ -80,7 +76,7 @@ def zero_crossing(patches: Patches, noise: Noise) -> Estimate:
         variance = noise.variance(patches.values, signal)
         spread = np.sqrt(((bell * t * patches.used) ** 2 * variance).sum(axis=1))
         sigma = spread * width[:, 0] / slope[:, 0]
-    return _estimate(patches, noise, centre[:, 0], np.where(sigma > 0, sigma, np.nan))
+    return of_rough(patches, noise, centre[:, 0], np.where(sigma > 0, sigma, np.nan))
 
 
 def log_gaussian(patches: Patches, noise: Noise) -> Estimate:
@@ -103,7 +99,7 @@ def log_gaussian(patches: Patches, noise: Noise) -> Estimate:
         c2 = np.where(c[2] < 0, c[2], np.nan)
         gradient = np.stack([np.zeros_like(c2), -0.5 / c2, 0.5 * c[1] / c2**2])
         sigma = symmetric.spread(covariance, gradient)
-    return _estimate(patches, noise, -0.5 * c[1] / c2, sigma)
+    return of_rough(patches, noise, -0.5 * c[1] / c2, sigma)
 
 
 def _signal(patches: Patches) -> Singles:
@@ -121,22 +117,3 @@ def _follow(window: float) -> float:
     density = np.exp(-0.5 * window**2) / np.sqrt(2.0 * np.pi)
     inside = 1.0 - 2.0 * ndtr(-window)
     return float(1.0 - 2.0 * window * density / inside)
-
-
-def _estimate(patches: Patches, noise: Noise, place: Row, sigma: Row) -> Estimate:
-    """Return an estimate with width and height as the search of peaks found them."""
-    rough = patches.rough
-    width, height, level = (
-        array.astype(np.float64) for array in (rough.width, rough.height, rough.level)
-    )
-    told = np.isfinite(place) & np.isfinite(sigma)
-    return Estimate(
-        place=np.where(told, place, np.nan).astype(np.float64),
-        width=width,
-        height=height,
-        sigma=np.asarray(sigma, dtype=np.float64),
-        snr=np.where(told, signal_to_noise(height, width, level, noise), 0.0),
-        misfit=np.ones_like(width),
-        skew=np.zeros_like(width),
-        skew_sigma=np.full_like(width, UNTOLD),
-    )

@@ -9,6 +9,7 @@ from ivfmc_ros.stripe import gaussian
 from ivfmc_ros.stripe.noise import Noise
 from ivfmc_ros.stripe.patches import Estimate
 from ivfmc_ros.stripe.patches import Patches
+from ivfmc_ros.stripe.top import top_of_peak
 
 Estimator = Callable[[Patches, Noise], Estimate]
 
@@ -19,5 +20,6 @@ METHODS: dict[str, Estimator] = {
     'centre_of_mass': classic.centre_of_mass,
     'zero_crossing': classic.zero_crossing,
     'log_gaussian': classic.log_gaussian,
+    'top_of_peak': top_of_peak,
     DEFAULT: gaussian.fit,
 }

@@ -26,6 +26,7 @@ from ivfmc_ros.stripe import channel
 from ivfmc_ros.stripe import path
 from ivfmc_ros.stripe import peaks
 from ivfmc_ros.stripe import trust
+from ivfmc_ros.stripe.estimators import DEFAULT
 from ivfmc_ros.stripe.estimators import METHODS
 from ivfmc_ros.stripe.noise import Noise
 from ivfmc_ros.stripe.patches import Estimate
@@ -84,8 +85,12 @@ def _swapped(stripe: Stripe) -> Stripe:
 def _extract_rows(grey: Image, settings: ExtractSettings, mask: Bools | None) -> Stripe:
     rows, u, estimate = _estimates(grey, settings, mask)
     sigma = estimate.sigma
+    kept = sigma <= settings.max_error
+    if len(rows):
+        kept &= estimate.width <= settings.max_widening * np.median(estimate.width)
     if settings.doubt:
         sigma = np.hypot(sigma, trust.doubt(rows, u, estimate, settings.least_width))
+        kept &= sigma <= settings.max_doubt * estimate.width
     if settings.along and len(rows):
         u, sigma = along.smooth(rows, u, sigma, settings.along)
     found = Stripe(
@@ -94,7 +99,7 @@ def _extract_rows(grey: Image, settings: ExtractSettings, mask: Bools | None) ->
         width=estimate.width,
         sigma=sigma,
     )
-    return found[sigma <= settings.max_error]
+    return found[kept]
 
 
 def _estimates(
@@ -118,7 +123,8 @@ def _estimates(
 def _estimate(
     rows: Ints, patches: Patches, columns: int, settings: ExtractSettings
 ) -> tuple[Ints, Floats, Estimate]:
-    estimate = METHODS[settings.method](patches, settings.noise or Noise())
+    method = DEFAULT if settings.method == 'auto' else settings.method
+    estimate = METHODS[method](patches, settings.noise or Noise())
     u = patches.column + estimate.place
     # a stripe that the picture's border cuts is measured off its centre
     half = _WHOLE * estimate.width
@@ -192,13 +198,11 @@ def _by_width(width: Singles, max_widening: float) -> list[Ints]:
 
 
 def _is_stripe(patches: Patches, estimate: Estimate, settings: ExtractSettings) -> Bools:
-    rough = patches.rough
-    moved = np.abs(estimate.place + patches.column - rough.column - rough.middle)
     # NaN fits nowhere
     return np.asarray(
         (estimate.snr >= settings.min_snr)
         & (estimate.snr >= _LIKE_A_STRIPE * estimate.misfit)
         & (estimate.height >= settings.min_contrast * 255.0)
         & (estimate.width <= settings.max_sigma)
-        & (moved <= 1.5 * rough.width + 1.0)
+        & (estimate.moved <= 1.5 * patches.rough.width + 1.0)
     )

@@ -146,6 +146,7 @@ def fit(patches: Patches, noise: Noise) -> Estimate:
         height=height,
         sigma=sigma,
         snr=signal_to_noise(height, width, level, noise),
+        moved=patches.moved(place),
         misfit=_misfit(rows, state),
         skew=skew,
         skew_sigma=skew_sigma,

@@ -88,6 +88,10 @@ class Patches:
     def __len__(self) -> int:
         return len(self.column)
 
+    def moved(self, place: Floats) -> Floats:
+        """Return how far places are from the middle at half height, pixels."""
+        return np.abs(place + (self.column - self.rough.column) - self.rough.middle)
+
 
 def _within(used: Bools, column: Ints, steps: Ints, limits: Floats) -> None:
     """Leave out pixels beyond the limits; few rows have any in reach."""
@@ -122,6 +126,7 @@ class Estimate:
     height : above the background, grey values of 0 to 255
     sigma : pixels, 1 sigma of ``place`` from the noise of the pixels
     snr : height over what the noise of the ground makes of it where there is no stripe
+    moved : pixels from the middle at half height
     misfit : residuals over what the noise makes of them, 1 or more
     skew, skew_sigma : share of the height that is one-sided, and its 1 sigma; a sigma of
         ``UNTOLD`` where the estimator does not tell
@@ -132,6 +137,7 @@ class Estimate:
     height: Floats
     sigma: Floats
     snr: Floats
+    moved: Floats
     misfit: Floats
     skew: Floats
     skew_sigma: Floats
@@ -144,3 +150,26 @@ class Estimate:
         """Put estimates one after the other."""
         names = [field.name for field in fields(cls)]
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def of_rough(
+    patches: Patches, noise: Noise, place: Floats | Singles, sigma: Floats | Singles
+) -> Estimate:
+    """Return an estimate with width and height as the search of peaks found them."""
+    rough = patches.rough
+    width, height, level = (
+        array.astype(np.float64) for array in (rough.width, rough.height, rough.level)
+    )
+    told = np.isfinite(place) & np.isfinite(sigma)
+    place = np.where(told, place, np.nan).astype(np.float64)
+    return Estimate(
+        place=place,
+        width=width,
+        height=height,
+        sigma=np.asarray(sigma, dtype=np.float64),
+        snr=np.where(told, signal_to_noise(height, width, level, noise), 0.0),
+        moved=patches.moved(place),
+        misfit=np.ones_like(width),
+        skew=np.zeros_like(width),
+        skew_sigma=np.full_like(width, UNTOLD),
+    )

@@ -127,6 +127,7 @@ def find(grey: Image, scale: float, search: Search, mask: Bools | None) -> Peaks
     if len(glowing):
         left[glowing] = _without_glow(left[glowing], search)
         again = _measure(smooth, scale, search, glowing, left[glowing].argmax(axis=1))
+        again.width[again.height < search.rival] = np.nan
         for array, values in zip(first.arrays(), again.arrays(), strict=True):
             array[glowing] = values
     column = np.zeros((CANDIDATES, height), dtype=np.int64)
@@ -153,7 +154,8 @@ def _glowing(grey: Image, scale: float, search: Search, first: Peaks) -> Ints:
     """Return rows that are bright over more than a stripe, whose texture would hide a stripe."""
     dark = scale * float(np.median(grey[::_EVERY, ::_EVERY]))
     top = first.top - dark
-    broad = ~first.found | (first.level - dark > 0.5 * top)
+    # its brighter side, not far away
+    broad = ~first.found | (top - first.height > 0.5 * top)
     return np.flatnonzero(broad & (top >= 2.0 * search.rival))
 
 

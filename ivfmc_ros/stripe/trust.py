@@ -30,15 +30,20 @@ _USUAL = 20
 _EVERY = 4
 # How far the place is off, in sigmas of the stripe, for a lean, a misfit and a change of width
 # of 1. Measured on cut and two-coloured stripes (bench: edge).
-_BY_SKEW = 5.0
-_BY_MISFIT = 0.12
+_BY_SKEW = 4.0
+_BY_MISFIT = 0.08
 _BY_WIDTH = 1.7
 # The same for a stripe that is narrower than any surface makes it.
 _BY_NARROW = 5.0
+# The middle at half height may differ by so many pixels, and by this share of the width.
+_MOVED = 0.2
+_MOVED_SHARE = 0.35
 # Certainty: lean and width count as far as they exceed so many of their own sigmas.
 _CERTAIN = 2.0
-# A lean from which on a change of width counts in full.
+# A lean from which on another width counts in full.
 _SUSPECT = 0.03
+# How far it counts where nothing leans.
+_ALWAYS = 0.4
 # A surface that bends changes the width by this share without harm.
 _BEND = 0.06
 
@@ -66,14 +71,17 @@ def doubt(rows: Ints, u: Floats, estimate: Estimate, least: float | None) -> Flo
     scale = np.maximum(np.maximum(estimate.width, usual), least)
     misfit = np.sqrt(np.maximum(estimate.misfit**2 - 1.0, 0.0))
     # a stripe of another width that is a clean bell lies on another face
-    change = np.maximum(change, 0.0) * np.minimum(lean / _SUSPECT + misfit, 1.0)
+    suspect = np.minimum(_ALWAYS + lean / _SUSPECT + misfit, 1.0)
+    change = np.maximum(change, 0.0) * suspect
+    narrow = np.maximum(1.0 - width / least, 0.0)
     parts = (
         _BY_SKEW * lean,
         _BY_MISFIT * misfit,
         _BY_WIDTH * change,
-        _BY_NARROW * np.maximum(1.0 - width / least, 0.0),
+        _BY_NARROW * narrow,
     )
-    return np.asarray(scale * np.sqrt(sum(part**2 for part in parts)))
+    moved = np.maximum(estimate.moved - _MOVED_SHARE * scale - _MOVED, 0.0)
+    return np.asarray(np.sqrt(scale**2 * sum(part**2 for part in parts) + moved**2))
 
 
 def usual_width(width: Widths) -> Widths:

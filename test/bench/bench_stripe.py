@@ -36,7 +36,8 @@ CASES = [
     for height in (180.0, 60.0)
     for read in (2.0, 4.0)
 ]
-KEEP_ALL = 50.0  # pixels, max_error
+KEEP_ALL = 50.0  # max_error, max_doubt: drop nothing
+STRICT = 0.5  # max_doubt of who wants clean edges
 
 
 def run() -> Iterator[Number]:
@@ -225,9 +226,9 @@ def _right(name, pictures, mask):
     """Yield the shares of rows with the right stripe, pooled."""
     truth = np.concatenate([picture.truth for picture in pictures])
     choices = {
-        'default, nothing dropped': ExtractSettings(max_error=KEEP_ALL),
+        'default, nothing dropped': ExtractSettings(max_error=KEEP_ALL, max_doubt=KEEP_ALL),
         'default': ExtractSettings(),
-        'no path search, nothing dropped': ExtractSettings(path=False, max_error=KEEP_ALL),
+        'no path search': ExtractSettings(path=False),
     }
     for choice, settings in choices.items():
         found = np.full(len(truth), np.nan)
@@ -251,12 +252,14 @@ def edge_bias():
     for kind in ('step', 'border'):
         sweep = edges.sweep(kind)
         careful = _learnt(sweep)
-        plain = replace(careful, doubt=False, max_error=KEEP_ALL)
+        plain = replace(careful, doubt=False)
+        strict = replace(careful, max_doubt=STRICT)
         for name, settings, half in (
             ('plain', plain, 0),
-            ('with sigmas that know edges', careful, 0),
+            ('default sigma limit', careful, 0),
+            (f'sigma limit {STRICT}', strict, 0),
             ('space-time', plain, 8),
-            ('both', careful, 8),
+            (f'space-time, sigma limit {STRICT}', strict, 8),
         ):
             distances = sweep.errors(_profiles(sweep, settings, half))
             note = f'worst {distances.max() * 1e3:.3f} mm, {len(distances)} points'

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Faces of a block at many angles, widths and brightnesses: are the claimed sigmas true?"""
+"""The face of a slab at many angles, widths and brightnesses: are the claimed sigmas true?"""
 
 from collections import defaultdict
 from dataclasses import replace
@@ -20,8 +20,8 @@ from ivfmc_ros.stripe.extract import ExtractSettings
 from ivfmc_ros.stripe.noise import Noise
 from ivfmc_ros.stripe.triangulate import triangulate
 
-HALF = 0.025  # metres, of the block
-PEAKS = (180.0, 90.0, 45.0)
+DEEP, WIDE, HIGH = 0.008, 0.035, 0.05  # metres: half, half and whole of the slab
+PEAKS = (180.0, 80.0, 30.0)
 SIGMAS = (1.2, 2.5, 4.0)
 INCIDENCES = np.radians([5.0, 25.0, 45.0, 60.0, 70.0])  # of the laser on the face
 DRAWS = 2
@@ -38,8 +38,8 @@ def scores():
     """Return errors over claimed sigmas of points on the faces, by bin; signed, in 3-D."""
     found = defaultdict(list)
     cell = bench_cell()
-    square = HALF * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-    solid = stack([Layer(low=0.0, high=2 * HALF, bottom=[square])])
+    slab = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (DEEP, WIDE)
+    solid = stack([Layer(low=0.0, high=HIGH, bottom=[slab])])
     rng = np.random.default_rng(11)
     for sigma in SIGMAS:
         optics = Optics(stripe_sigma=sigma)
@@ -65,13 +65,13 @@ def _add(found, cell, frame, incidence, optics):
     stripe = extract(frame.image, settings=ExtractSettings(noise=noise))
     profile = triangulate(cell, frame, stripe)
     x, y, z = profile.points_xyz.T
-    # the front face is x = HALF; a point's error lies along dX/du, in the sheet
-    face = (np.abs(x - HALF) < 0.002) & (np.abs(y) < HALF - _MARGIN)
-    face &= (z > _MARGIN) & (z < 2 * HALF - _MARGIN)
+    # the front face is x = DEEP; a point's error lies along dX/du, in the sheet
+    face = (np.abs(x - DEEP) < 0.002) & (np.abs(y) < WIDE - _MARGIN)
+    face &= (z > _MARGIN) & (z < HIGH - _MARGIN)
     probe = triangulate(cell, frame, _shifted(stripe))
     way = probe.points_xyz[:, 0] - x
     pace = np.linalg.norm(probe.points_xyz - profile.points_xyz, axis=1)
-    score = ((x - HALF) / (way / pace) / profile.sigma)[face]
+    score = ((x - DEEP) / (way / pace) / profile.sigma)[face]
     width, height = stripe.width[face], stripe.intensity[face]
     for name, values in (('width', width), ('height', height)):
         for low, high in BINS[name]:

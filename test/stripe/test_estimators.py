@@ -24,7 +24,7 @@ def picture(sigma, rng, speckle=0.0, peak=150.0):
 
 
 def errors(image, **settings):
-    found = extract(image, settings=ExtractSettings(max_error=50.0, **settings))
+    found = extract(image, settings=ExtractSettings(max_error=50.0, max_doubt=50.0, **settings))
     return found.uv[:, 0] - columns()[found.uv[:, 1].astype(int)], found.sigma
 
 
