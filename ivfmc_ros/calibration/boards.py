@@ -204,7 +204,7 @@ def _without_highlights(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _find_charuco(board: Board, gray: NDArray[np.uint8], _: bool) -> Corners | None:
-    uv, ids, _, _ = cv2.aruco.CharucoDetector(board.charuco()).detectBoard(gray)
+    uv, ids = cv2.aruco.CharucoDetector(board.charuco()).detectBoard(gray)[:2]
     if ids is None or len(ids) < 4:
         return None
     return Corners(

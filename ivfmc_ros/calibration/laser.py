@@ -42,7 +42,7 @@ _MIN_SPREAD = 0.05
 # A bow counts if it is certain (chi2, 3 degrees of freedom) and explains this share of the
 # residuals' variance: outside the calibrated distances it grows with their square.
 _BOW_CHI2 = 30.0
-_BOW_SHARE = 0.15
+_BOW_SHARE = 0.3
 _BOW_MIN_VIEWS = 10
 _STEP_PIXEL = 0.25
 _STEP_POSE = 1e-6

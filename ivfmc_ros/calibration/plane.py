@@ -25,7 +25,7 @@ _SAMPLE = 12
 _OUTLIER = 3.5
 _BAD_VIEW = 3.0
 _MAD = 1.4826
-_ROUNDS = 5
+_ROUNDS = 8
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -135,13 +135,13 @@ def inliers(views: Sequence[StripePoints], plane: Floats) -> tuple[list[Bools], 
     returns : (n,) bool of each view, and the plane refitted to them
     """
     keep = [np.ones(len(view), dtype=bool) for view in views]
-    for _ in range(10):
-        off = [view.points_xyz @ plane[:3] + plane[3] for view in views]
-        typical = np.array([np.median(np.abs(r)) for r in off])
+    for _ in range(_ROUNDS):
+        off = [np.abs(view.points_xyz @ plane[:3] + plane[3]) for view in views]
+        typical = np.array([np.median(r) for r in off])
         good = typical <= _BAD_VIEW * np.median(typical)
         pooled = np.concatenate([r for r, is_good in zip(off, good, strict=True) if is_good])
-        limit = _OUTLIER * _MAD * float(np.median(np.abs(pooled)))
-        keep = [(np.abs(r) <= limit) & is_good for r, is_good in zip(off, good, strict=True)]
+        limit = _OUTLIER * _MAD * float(np.median(pooled))
+        keep = [(r <= limit) & is_good for r, is_good in zip(off, good, strict=True)]
         points = [view.points_xyz[k] for view, k in zip(views, keep, strict=True)]
         plane = total_least_squares(np.concatenate(points))
     return keep, plane
@@ -196,7 +196,7 @@ def _flex(views: Sequence[StripePoints], sheet: Sheet) -> float:
     excess = []
     for view in views:
         fit = np.linalg.pinv(_shapes(view))
-        pixel, pose = _noise(view, sheet)
+        pixel, pose = _noise(view, sheet.normal)
         expected = (fit**2) @ pixel + ((fit @ pose) ** 2).sum(axis=1)
         excess.append((fit @ sheet.distance(view.points_xyz)) ** 2 - expected)
     return float(np.sqrt(max(np.mean(excess), 0.0)))
@@ -230,16 +230,18 @@ def _design(view: StripePoints, sheet: Sheet, tangent: Floats) -> Floats:
     return np.hstack(columns)
 
 
-def _noise(view: StripePoints, sheet: Sheet) -> tuple[Floats, Floats]:
+def _noise(view: StripePoints, normal: Floats) -> tuple[Floats, Floats]:
     """Return the distances' (n,) variance by pixels and their (n, p) deviations by the pose."""
-    pixel = (view.sigma * (view.by_pixel @ sheet.normal)) ** 2
-    pose = np.einsum('nxp,x->np', view.by_pose, sheet.normal)
-    return pixel, pose @ np.linalg.cholesky(view.pose_covariance)
+    pixel = (view.sigma * (view.by_pixel @ normal)) ** 2
+    pose = np.einsum('nxp,x->np', view.by_pose, normal)
+    # a root by eigenvalues: a pose that is known exactly has no Cholesky factor
+    values, vectors = np.linalg.eigh(view.pose_covariance)
+    return pixel, pose @ (vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _weigh(view: StripePoints, sheet: Sheet, flex: float, design: Floats) -> Floats:
     """Return C^-1 design, C the covariance of the view's distances (Woodbury)."""
-    pixel, pose = _noise(view, sheet)
+    pixel, pose = _noise(view, sheet.normal)
     common = np.hstack([pose, flex * _shapes(view)])
     scaled = design / pixel[:, None]
     inner = np.eye(common.shape[1]) + common.T @ (common / pixel[:, None])

@@ -74,6 +74,4 @@ def _pose_covariance(turntable: Turntable) -> Floats:
     change = np.zeros((6, 6))
     change[:3, 3:] = (np.array(turns) - rotation.ravel()).T / 1e-6
     change[3:, :3] = np.eye(3)
-    covariance = change @ turntable.covariance @ change.T
-    # the turn about the axis is known by convention; a zero would have no Cholesky factor
-    return np.asarray(covariance + 1e-16 * np.eye(6))
+    return np.asarray(change @ turntable.covariance @ change.T)

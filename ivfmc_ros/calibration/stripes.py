@@ -28,11 +28,15 @@ _TRIALS = 200
 # How far from a straight line, pixels, the stripe on a board may be: a bent one is no line.
 _STRAIGHT = 2.0
 _OUTLIER = 3.5
-# Half the window of the top-hat: pixels to begin with, then sigmas of the stripe that was found.
-_FIRST_REACH = 20
+# Half the window of the top-hat: pixels to try, then sigmas of the stripe that was found.
+_FIRST_REACHES = (20, 10)
 _REACH_SIGMAS = 3.5
 # Paper must be white this many pixels along the stripe.
 _CLEAR_ALONG = 2
+# The stripe's background is no darker than this share of the paper's brightness, which is this
+# percentile of what may be white.
+_DARK = 0.45
+_PAPER = 80.0
 # Pixels between those whose place on the board is worked out.
 _COARSE = 2
 
@@ -86,40 +90,74 @@ def stripe_on_board(
     white : (height, width) bool, from ``white_region``
     returns : None if there is no straight stripe of at least 20 points
     """
-    found = _on_bright_ground(image, white, stripe, settings)
+    grey = channel.to_grey(image, settings.channel)
+    candidates = [
+        _straight(_on_bright_ground(grey, white, stripe, settings, reach), camera, stripe)
+        for reach in _FIRST_REACHES
+    ]
+    # of two lines the one with more light: a strip of paper between dark ones is fainter
+    light, best = max(candidates, key=lambda candidate: candidate[0])
+    return best if light > 0 else None
+
+
+def _straight(
+    found: Stripe, camera: Camera, stripe: Direction
+) -> tuple[float, BoardStripe | None]:
+    """Return the light (sum of heights) on the straightest part of a stripe, and that part."""
     if len(found) < _MIN_POINTS:
-        return None
+        return 0.0, None
     # along the stripe, and across it, in pixels; lens distortion bends what is straight
     flat = camera.rays(found.uv)[:, :2] * camera.K[[0, 1], [0, 1]]
     across, along = flat.T if stripe == 'rows' else flat.T[::-1]
     keep, sigma = _smooth_curve(along, across)
     if keep.sum() < _MIN_POINTS:
-        return None
-    return BoardStripe(uv=found.uv[keep], sigma=sigma)
+        return 0.0, None
+    return float(found.intensity[keep].sum()), BoardStripe(uv=found.uv[keep], sigma=sigma)
 
 
 def _on_bright_ground(
-    image: Image, white: Bools, stripe: Direction, settings: ExtractSettings
+    grey: Image, white: Bools, stripe: Direction, settings: ExtractSettings, reach: int
 ) -> Stripe:
     """
     Extract a stripe from paper that is nearly as bright as the stripe.
 
     A white top-hat across the stripe leaves what is narrower than its window (Serra 1982); the
     window is fitted to the stripe that a first, wide one finds. All of the window must be white.
+
+    reach : pixels, half the first window
     """
-    grey = channel.to_grey(image, settings.channel)
-    reach = _FIRST_REACH
-    for _ in range(2):
-        across, along = 2 * reach + 1, 2 * _CLEAR_ALONG + 1
-        height, width = (1, across) if stripe == 'rows' else (across, 1)
-        hat = cv2.morphologyEx(grey, cv2.MORPH_TOPHAT, np.ones((height, width), dtype=np.uint8))
-        clear = np.ones((along, across) if stripe == 'rows' else (across, along), dtype=np.uint8)
-        mask = cv2.erode(white.astype(np.uint8), clear) > 0
-        found = extract(cast(Image, hat), stripe, settings, mask=mask)
-        if len(found) == 0:
-            break
-        reach = int(np.ceil(_REACH_SIGMAS * np.median(found.width))) + 2
-    return found
+    found = _with_window(grey, white, stripe, settings, reach)
+    if len(found) < _MIN_POINTS:
+        return found
+    fitted = int(np.ceil(_REACH_SIGMAS * np.median(found.width))) + 2
+    return _with_window(grey, white, stripe, settings, fitted)
+
+
+def _with_window(
+    grey: Image, white: Bools, stripe: Direction, settings: ExtractSettings, reach: int
+) -> Stripe:
+    across, along = 2 * reach + 1, 2 * _CLEAR_ALONG + 1
+    height, width = (1, across) if stripe == 'rows' else (across, 1)
+    hat = cv2.morphologyEx(grey, cv2.MORPH_TOPHAT, np.ones((height, width), dtype=np.uint8))
+    clear = np.ones((along, across) if stripe == 'rows' else (across, along), dtype=np.uint8)
+    mask = cv2.erode(white.astype(np.uint8), clear) > 0
+    found = extract(cast(Image, hat), stripe, settings, mask=mask)
+    return _on_paper(found, grey, cast(Image, hat), white)
+
+
+def _on_paper(found: Stripe, grey: Image, hat: Image, white: Bools) -> Stripe:
+    """
+    Leave out what does not stand on paper.
+
+    A strip of paper between dark ones stands out of its surroundings as a stripe does, but these
+    are dark.
+    """
+    if len(found) == 0:
+        return found
+    paper = float(np.percentile(grey[white], _PAPER))
+    column, row = found.uv.round().astype(np.int64).T
+    ground = grey[row, column].astype(np.float64) - hat[row, column]
+    return found[ground >= _DARK * paper]
 
 
 def _smooth_curve(along: Floats, across: Floats) -> tuple[Bools, float]:

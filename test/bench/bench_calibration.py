@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The calibration commands' own functions, on rendered boards with known truth and on real ones."""
+"""Calibration on rendered boards with known truth, and on real pictures."""
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -58,7 +58,7 @@ def rendered(folder: Path) -> Iterator[Number]:
     made = calibrate_camera(CHESSBOARD, find_views(CHESSBOARD, list_pictures(folder / 'camera')))
     camera = made.camera
     yield Number('rendered camera rms', made.rms, 'px', None, f'{len(made.used)} views')
-    error = camera.K[0, 0] - truth.camera.K[0, 0]
+    error = float(camera.K[0, 0] - truth.camera.K[0, 0])
     yield Number('focal length error', error, 'px', None, f'claimed 1 sigma {made.std["fx"]:.3f}')
     lasers = []
     for number, true in enumerate(truth.lasers):
@@ -113,7 +113,7 @@ def plane_error(truth: Cell, number: int, found: LaserPlane) -> Number:
     claimed = np.sqrt(np.einsum('ni,ij,nj->n', design, found.covariance, design))
     note = f'rms error / claimed sigma {np.sqrt(np.mean((off / claimed) ** 2)):.2f}'
     name = f'laser plane {found.name}, worst in the volume'
-    return Number(name, off.max() * 1e3, 'mm', at_most(0.03), note)
+    return Number(name, float(off.max()) * 1e3, 'mm', at_most(0.03), note)
 
 
 def axis_error(truth: Cell, table: TurntableCalibration) -> Number:
@@ -151,7 +151,7 @@ def sphere_errors(truth: Cell, found: Cell) -> Iterator[Number]:
 
 
 def scanned_sphere(truth: Cell, found: Cell, center: Floats, laser: int, angle: float) -> Floats:
-    """Return points of the side of the sphere that camera and laser see, as the cell finds them."""
+    """Return where the cell finds points of the sphere that camera and laser see."""
     plane = truth.lasers[laser]
     middle = truth.turntable.to_camera(center[None], angle)[0]
     off = float(plane.distance(middle[None])[0])
@@ -191,7 +191,7 @@ def real(data: Path) -> Iterator[Number]:
     stripes = find_platter_stripes(camera, laser.laser, first.axis, radius, pictures, markers)
     table = calibrate_turntable(camera, seen, first, stripes)
     note = f"{len(stripes.uv)} points; markers / 30 mm = {table.scale:.4f} by the laser's scale"
-    rms = 1e3 * (table.platter_rms or np.nan)
+    rms = 1e3 * (table.platter_rms or float('nan'))
     yield Number('real platter, stripe to plane rms', rms, 'mm', at_most(0.45), note)
 
 

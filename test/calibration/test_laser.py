@@ -1,0 +1,79 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from ivfmc_ros.calibration.boards import parse_board
+from ivfmc_ros.calibration.camera import calibrate_camera
+from ivfmc_ros.calibration.laser import calibrate_laser
+from ivfmc_ros.calibration.laser import LaserSettings
+from ivfmc_ros.calibration.views import find_views
+from ivfmc_ros.cell import transforms
+from ivfmc_ros.errors import CalibrationError
+from ivfmc_ros.pictures import list_pictures
+from ivfmc_ros.simulation.boards import render_board
+
+from .conftest import look_at
+from .conftest import pose_matrix
+
+
+def draw(folder: Path, cell, board, places, seed=0):
+    for k, (tilt, place) in enumerate(places):
+        pose = pose_matrix(look_at(*tilt, place, board))
+        image = render_board(cell, board, pose, 0, rng=np.random.default_rng(seed + k))
+        cv2.imwrite(str(folder / f'{k}.png'), image)
+
+
+@pytest.fixture(scope='module')
+def rendered(tmp_path_factory, cell, board):
+    folder = tmp_path_factory.mktemp('stripe')
+    rng = np.random.default_rng(2)
+    places = [
+        (tuple(rng.uniform(-25, 25, 2)), (0.0, 0.0, float(z))) for z in np.linspace(0.34, 0.46, 7)
+    ]
+    draw(folder, cell, board, places)
+    return find_views(board, list_pictures(folder), lit=True)
+
+
+def test_rendered_laser_is_found(cell, board, rendered):
+    made = calibrate_laser(cell.camera, board, rendered, LaserSettings(name='left'))
+    height = np.linspace(0.0, 0.1, 11)
+    base = np.stack([0 * height, 0 * height, height], axis=1)
+    axis = transforms.apply(cell.turntable.camera_from_base, base)
+    # the bench lasers hold the table's axis
+    assert np.abs(made.laser.distance(axis)).max() < 1e-4
+    assert made.laser.name == 'left'
+    assert made.laser.residual_rms < 1e-4
+    assert made.laser.volume[0, 2] < 0.4 < made.laser.volume[1, 2]
+    assert made.laser.bow is None
+    assert made.kept_share > 0.8
+
+
+def test_too_few_stripes_are_refused(cell, board, rendered):
+    few = replace(rendered, found=rendered.found[:4])
+    with pytest.raises(CalibrationError, match=r'here: [0-4] usable pictures.*5 is least'):
+        calibrate_laser(cell.camera, board, few, where='here')
+
+
+def test_one_pose_is_refused(tmp_path, cell, board):
+    draw(tmp_path, cell, board, [((5.0, 10.0), (0.0, 0.0, 0.4))] * 6)
+    views = find_views(board, list_pictures(tmp_path), lit=True)
+    with pytest.raises(CalibrationError, match='nearly on one line'):
+        calibrate_laser(cell.camera, board, views)
+
+
+def test_real_laser_is_within_its_bar(data_dir):
+    board = parse_board('chessboard:8x6:40mm')
+    scan = data_dir / 'turntable_laser'
+    camera = calibrate_camera(
+        board, find_views(board, list_pictures(scan / 'chessboard')[::6])
+    ).camera
+    views = find_views(board, list_pictures(scan / 'chessboard_laser')[::3], lit=True)
+    made = calibrate_laser(camera, board, views)
+    assert made.laser.residual_rms <= 0.30e-3
+    assert made.laser.bow is None
+    assert len(made.used) >= 15
