@@ -23,6 +23,8 @@ from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
 
 _CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+# Signs that are crosswise change along at least so many of the twelve edges of a cell.
+_LEAST_CROSSED = 6
 _ROUNDS = 60
 # rounds after which voxels change to inside only, which must come to an end
 _FREE_ROUNDS = 12
@@ -49,10 +51,11 @@ def extract(blocks: Blocks, values: Singles) -> Nets:
 
     values : outside positive, no zeros; changed where signs are crosswise
     """
-    cells = _cells(_edges(blocks, values), blocks)[0]
-    _uncross(blocks, values, cells)
     edges = _edges(blocks, values)
     cells, corner = _cells(edges, blocks)
+    if _uncross(blocks, values, cells[np.bincount(corner.ravel()) >= _LEAST_CROSSED]):
+        edges = _edges(blocks, values)
+        cells, corner = _cells(edges, blocks)
     crossing = np.concatenate([_crossing(blocks, values, edge) for edge in edges])
     total = np.stack(
         [
@@ -128,15 +131,15 @@ def _cells(edges: list[_Edges], blocks: Blocks) -> tuple[Ints, Ints]:
     return cells, corner.reshape(-1, 4)
 
 
-def _uncross(blocks: Blocks, values: Singles, cells: Ints) -> None:
-    """Change the sign of voxels until no cell has its signs crosswise."""
+def _uncross(blocks: Blocks, values: Singles, cells: Ints) -> bool:
+    """Change the sign of voxels until no cell has its signs crosswise; tell if any changed."""
     flat = values.reshape(-1)
     for turn in range(_ROUNDS):
         place = blocks.place((cells[:, None] + _CORNERS[None]).reshape(-1, 3)).reshape(-1, 8)
         code = ((flat[place] > 0) & (place >= 0)) @ (1 << np.arange(8))
         crossed = _CROSSWISE[code] & (place >= 0).all(axis=1)
         if not crossed.any():
-            return
+            return turn > 0
         place = place[crossed]
         size = np.abs(flat[place])
         if turn >= _FREE_ROUNDS:
@@ -146,6 +149,7 @@ def _uncross(blocks: Blocks, values: Singles, cells: Ints) -> None:
         flat[chosen] = -np.copysign(np.maximum(np.abs(flat[chosen]), 0.05), flat[chosen])
         near = blocks.voxels(chosen)[:, None] - _CORNERS[None]
         cells = np.unique(near.reshape(-1, 3), axis=0)
+    return True
 
 
 def _crosswise(code: int) -> bool:
