@@ -97,7 +97,7 @@ class Blocks:
     def place(self, voxels: Ints) -> Ints:
         """Return where (n, 3) voxels are in a flat (blocks, 8, 8, 8) array; -1 if nowhere."""
         block, inside = voxels // SIDE, voxels % SIDE
-        within = ((block >= 0) & (block < self.grid.shape)).all(axis=1)
+        within: Bools = np.all((block >= 0) & (block < np.array(self.grid.shape)), axis=1)
         block = np.where(within[:, None], block, 0)
         slot = np.where(within, self.slot[tuple(block.T)], -1).astype(np.int64)
         place = slot * _VOLUME + flat(inside, (SIDE, SIDE, SIDE))
