@@ -12,7 +12,9 @@ from ivfmc_ros.cell.volume import Volume
 from ivfmc_ros.meshing.export import UNITS
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.registration.align import METHODS
+from ivfmc_ros.registration.unknowns import REFINABLE
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
+from ivfmc_ros.stripe.estimators import METHODS as STRIPE_METHODS
 from ivfmc_ros.stripe.extract import ExtractSettings
 
 Command = TypeVar('Command', bound=Callable[..., Any])
@@ -26,10 +28,13 @@ _OPTIONS = (
                  help='Height above the platter where the working volume begins.'),
     click.option('--top', type=float, default=100.0, show_default=True, metavar='MM',
                  help='Height above the platter where the working volume ends.'),
+    click.option('--method', default='auto', show_default=True,
+                 type=click.Choice(['auto', *STRIPE_METHODS]),
+                 help='How the place of the stripe is estimated.'),
     click.option('--channel', default='auto', show_default=True,
                  help='Colours that measure the stripe, such as red or blue+red; auto takes '
                       'those that do not saturate.'),
-    click.option('--min-contrast', type=float, default=0.06, show_default=True,
+    click.option('--min-contrast', type=float, default=0.01, show_default=True,
                  help='Least height of the stripe above its background, share of full scale.'),
     click.option('--noise-distance', type=float, default=2.0, show_default=True, metavar='MM',
                  help='Neighbours on the stripe farther apart than this are not one surface.'),
@@ -37,6 +42,9 @@ _OPTIONS = (
                  help='A piece of surface with fewer points is noise.'),
     click.option('--registration', type=click.Choice(METHODS), default='joint',
                  show_default=True, help='How views are brought together.'),
+    click.option('--refine', 'refine', type=click.Choice(REFINABLE), multiple=True,
+                 help='What of the cell the scan may correct; the corrected cell.yaml lies '
+                      'beside the mesh. Repeatable.'),
     click.option('--max-edge', type=float, metavar='MM',
                  help='Longest edge of a triangle.  [default: 5 point spacings]'),
     click.option('--unit', type=click.Choice(list(UNITS)), default='mm', show_default=True,
@@ -62,7 +70,11 @@ def settings_of(options: dict[str, Any]) -> Settings:
         bottom=options['bottom'] * _MM,
         top=options['top'] * _MM,
     )
-    extract = ExtractSettings(channel=options['channel'], min_contrast=options['min_contrast'])
+    extract = ExtractSettings(
+        method=options['method'],
+        channel=options['channel'],
+        min_contrast=options['min_contrast'],
+    )
     max_edge = options['max_edge']
     return Settings(
         acquisition=AcquisitionSettings(
@@ -70,6 +82,7 @@ def settings_of(options: dict[str, Any]) -> Settings:
         ),
         island_least=options['island'],
         registration=options['registration'],
+        refine=tuple(options['refine']),
         max_edge=None if max_edge is None else max_edge * _MM,
         export_unit=options['unit'],
     )

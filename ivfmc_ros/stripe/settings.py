@@ -40,7 +40,7 @@ class ExtractSettings:
     min_snr: float = 6.0
     min_contrast: float = 0.01
     max_error: float = 0.6
-    max_doubt: float = 1.5
+    max_doubt: float = 0.3
     window: float = 3.0
     max_sigma: float = 12.0
     max_widening: float = 4.0

@@ -27,6 +27,8 @@ from ivfmc_ros.simulation.optics import Optics
 from ivfmc_ros.simulation.parts import demo_part
 from ivfmc_ros.simulation.render import simulate_scan
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
+from ivfmc_ros.stripe.extract import ExtractSettings
+from ivfmc_ros.stripe.noise import Noise
 from ivfmc_ros.surface import Surface
 
 STEPS = 400
@@ -52,7 +54,9 @@ def rendered() -> Iterator[Number]:
 
 def scan_demo_part(optics: Optics) -> Deviation:
     cell, part = bench_cell(), demo_part()
-    settings = Settings(acquisition=AcquisitionSettings(volume=VOLUME))
+    # the noise of a camera is known: it is calibrated, or given as here
+    extract = ExtractSettings(noise=Noise(speckle=optics.speckle))
+    settings = Settings(acquisition=AcquisitionSettings(volume=VOLUME, extract=extract))
     made = reconstruct(cell, simulate_scan(cell, part, STEPS, optics=optics, seed=1), settings)
     points, _ = cloud(made)
     return summarise(Surface(part.vertices_xyz, part.faces).signed_distance(points))
