@@ -36,6 +36,9 @@ from ivfmc_ros.registration.align import METHODS
 from ivfmc_ros.registration.align import Verdict
 from ivfmc_ros.registration.motion import Motion
 from ivfmc_ros.registration.motion import refit
+from ivfmc_ros.registration.refine import refine
+from ivfmc_ros.registration.refine import Refined
+from ivfmc_ros.registration.unknowns import require_groups
 from ivfmc_ros.stopwatch import Stopwatch
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
@@ -54,6 +57,7 @@ class Settings:
 
     island_least : a piece of surface of fewer points is a flying one
     registration : table, paper, point_to_plane or joint
+    refine : what of the cell the scan may correct: any of poses, axis, angle, lasers
     mesh : how views become a mesh
     max_edge : the paper's threshold on a triangle's edges; None for 5 point spacings
     export_unit : of the mesh and cloud files: m, mm or inch
@@ -62,6 +66,7 @@ class Settings:
     acquisition: AcquisitionSettings = field(default_factory=AcquisitionSettings)
     island_least: int = 100
     registration: str = 'joint'
+    refine: tuple[str, ...] = ()
     mesh: MeshSettings = field(default_factory=MeshSettings)
     max_edge: float | None = None
     export_unit: str = 'mm'
@@ -70,6 +75,7 @@ class Settings:
         if self.registration not in METHODS:
             known = ', '.join(METHODS)
             raise ParameterError(f'registration: {self.registration!r} is not one of {known}')
+        require_groups(self.refine)
         if not 1 <= self.island_least <= 1_000_000:
             raise ParameterError(
                 f'island_least: {self.island_least} is out of range; '
@@ -94,6 +100,7 @@ class Reconstruction:
     settings : as used, with what was left to the data decided
     counts : how much of what each stage saw, kept and dropped
     seconds : of each stage
+    refined : what the scan told of its cell; None if it was not asked
     """
 
     samples: list[tuple[Frame, Profile]]
@@ -105,6 +112,7 @@ class Reconstruction:
     settings: Settings
     counts: dict[str, int]
     seconds: dict[str, float]
+    refined: Refined | None = None
 
 
 def reconstruct(
@@ -179,6 +187,9 @@ def _rebuilt(
         counts.update(found)
     with watch.stage('registration'):
         progress('registration', 0, 1)
+        refined = refine(cell, views, settings.refine) if settings.refine else None
+        if refined is not None:
+            cell, views = refined.cell, refined.views
         poses, verdicts = poses_of(cell, views, settings)
     with watch.stage('meshing'):
         progress('meshing', 0, 1)
@@ -195,6 +206,7 @@ def _rebuilt(
         settings=replace(settings, max_edge=max_edge),
         counts=counts,
         seconds=watch.seconds,
+        refined=refined,
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from ivfmc_ros import files
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.cell.cell_file import save_cell
 from ivfmc_ros.inspection import deviation
 from ivfmc_ros.inspection import overview
 from ivfmc_ros.inspection import report
@@ -21,6 +22,7 @@ from ivfmc_ros.inspection.scan_page import scan_page
 from ivfmc_ros.meshing import export
 from ivfmc_ros.model import Floats
 from ivfmc_ros.pipeline import Reconstruction
+from ivfmc_ros.registration.refine import Refined
 from ivfmc_ros.stopwatch import Stopwatch
 from ivfmc_ros.surface import Surface
 
@@ -62,6 +64,9 @@ def write_results(
             'mesh': mesh_figures(made.mesh),
             'residuals': report.residuals(cell, made.views, made.verdicts),
         }
+        if made.refined is not None:
+            document['refined'] = refinement(made.refined)
+            save_cell(target / 'cell.yaml', made.refined.cell)
         if nominal is not None:
             document['deviation_m'] = compare(points, made.mesh.vertices_xyz, nominal)
         report.write_report(target / 'report.json', document)
@@ -75,6 +80,16 @@ def cloud(made: Reconstruction) -> tuple[Floats, Floats]:
     posed = zip(made.views, made.poses.turntable_from_view, strict=True)
     points = np.concatenate([transforms.apply(T, view.cloud()) for view, T in posed])
     return points, np.concatenate([view.sigma[view.valid] for view in made.views])
+
+
+def refinement(refined: Refined) -> dict[str, Any]:
+    """Return what the scan told of its cell: unknowns in radians or metres, and the misfit."""
+    return {
+        'applied': refined.applied,
+        'why': refined.why,
+        'misfit_m': {'before': refined.rms_before, 'after': refined.rms_after},
+        'unknowns': [asdict(estimate) for estimate in refined.estimates],
+    }
 
 
 def compare(points_xyz: Floats, vertices_xyz: Floats, nominal: Surface) -> dict[str, Any]:

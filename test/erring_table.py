@@ -85,6 +85,30 @@ def noisy(stripe: Stripe, rng) -> Stripe:
     return replace(stripe, uv=stripe.uv + np.outer(noise, (1.0, 0.0)))
 
 
+def profiles_of(
+    cell: Cell,
+    measured: Sequence[Sequence[Stripe]],
+    sweeps: Sequence[Sweep],
+    *,
+    true: bool = False,
+) -> list[Profile]:
+    """Triangulate as ``cell`` says, at commanded (or true) angles."""
+    profiles: list[Profile] = []
+    for number, (sweep, lines) in enumerate(zip(sweeps, measured, strict=True)):
+        angles = sweep.true if true else sweep.commanded
+        for angle, stripe in zip(angles, lines, strict=True):
+            frame = Frame(
+                image=np.zeros((1, 1), dtype=np.uint8),
+                stamp_ns=len(profiles) * 50_000_000,
+                angle=float(angle),
+                laser=sweep.laser,
+                view=number,
+                seq=len(profiles),
+            )
+            profiles.append(triangulate(cell, frame, stripe))
+    return profiles
+
+
 def views_of(
     cell: Cell,
     measured: Sequence[Sequence[Stripe]],
@@ -92,21 +116,8 @@ def views_of(
     *,
     true: bool = False,
 ) -> list[View]:
-    """Triangulate as ``cell`` says, at commanded (or true) angles; a view a sweep."""
-    profiles: list[Profile] = []
-    for number, (sweep, lines) in enumerate(zip(sweeps, measured, strict=True)):
-        angles = sweep.true if true else sweep.commanded
-        for angle, stripe in zip(angles, lines, strict=True):
-            frame = Frame(
-                image=np.zeros((1, 1), dtype=np.uint8),
-                stamp_ns=0,
-                angle=float(angle),
-                laser=sweep.laser,
-                view=number,
-                seq=len(profiles),
-            )
-            profiles.append(triangulate(cell, frame, stripe))
-    views = assemble(cell, profiles)
+    """Return a view a sweep; true ones are of a part that never slipped."""
+    views = assemble(cell, profiles_of(cell, measured, sweeps, true=true))
     if not true:
         return views
     back = [transforms.invert(sweep.slip) for sweep in sweeps]

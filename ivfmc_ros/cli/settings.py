@@ -10,6 +10,9 @@ import click
 
 from ivfmc_ros.cell.volume import Volume
 from ivfmc_ros.meshing.export import UNITS
+from ivfmc_ros.meshing.settings import CLOSINGS
+from ivfmc_ros.meshing.settings import MeshSettings
+from ivfmc_ros.meshing.settings import METHODS as MESH_METHODS
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.registration.align import METHODS
 from ivfmc_ros.registration.unknowns import REFINABLE
@@ -47,6 +50,16 @@ _OPTIONS = (
                       'beside the mesh. Repeatable.'),
     click.option('--max-edge', type=float, metavar='MM',
                  help='Longest edge of a triangle.  [default: 5 point spacings]'),
+    click.option('--mesh', 'mesh_method', type=click.Choice(MESH_METHODS), default='integrate',
+                 show_default=True, help='How views become a mesh.'),
+    click.option('--close', type=click.Choice(CLOSINGS), default='none', show_default=True,
+                 help='What is invented where nothing was seen; such triangles are marked.'),
+    click.option('--voxel', type=float, metavar='MM',
+                 help='Edge of a voxel of the mesh.  [default: the point spacing]'),
+    click.option('--smoothing', type=int, default=6, show_default=True, metavar='ROUNDS',
+                 help='Rounds of bilateral normal filtering of the mesh.'),
+    click.option('--decimate', type=float, default=0.0, show_default=True, metavar='MM',
+                 help='Simplify the mesh by as much as it may deviate; 0 keeps all triangles.'),
     click.option('--unit', type=click.Choice(list(UNITS)), default='mm', show_default=True,
                  help='Unit of the mesh files.'),
 )  # fmt: skip
@@ -82,7 +95,19 @@ def settings_of(options: dict[str, Any]) -> Settings:
         ),
         island_least=options['island'],
         registration=options['registration'],
+        mesh=_mesh(options),
         refine=tuple(options['refine']),
         max_edge=None if max_edge is None else max_edge * _MM,
         export_unit=options['unit'],
+    )
+
+
+def _mesh(options: dict[str, Any]) -> MeshSettings:
+    voxel = options['voxel']
+    return MeshSettings(
+        method=options['mesh_method'],
+        close=options['close'],
+        voxel=None if voxel is None else voxel * _MM,
+        smoothing=options['smoothing'],
+        decimate=options['decimate'] * _MM,
     )

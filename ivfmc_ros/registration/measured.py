@@ -16,13 +16,13 @@ from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.model import Floats
-from ivfmc_ros.model import Ints
 from ivfmc_ros.model import View
 from ivfmc_ros.registration.unknowns import CellUnknowns
-from ivfmc_ros.stripe.triangulate import sensitivity
 
 # Share of its prior's sigma by which an unknown is changed for a derivative.
 _PROBE = 0.5
+# Steps to the table angle of a point, and the farthest that one may go, radians.
+_NEWTON, _NEARBY = 3, 0.1
 # By so many sigmas of its points a view may differ from what the cell makes of its pixels.
 _SAME = 1e-6  # metres
 
@@ -41,14 +41,10 @@ class Measured:
     angles: Floats
     way: float
 
-    def points(
-        self, unknowns: CellUnknowns, values: Floats, cell: Cell, which: Ints | None = None
-    ) -> Floats:
-        """Return (n, 3) metres, ``turntable``, of all or some points; ``cell`` has the values."""
-        chosen = slice(None) if which is None else which
-        angles = self.angles[chosen]
-        angles = angles + unknowns.angle_error(values, angles, self.way)
-        seen = cell.lasers[self.view.laser].intersect(self.rays[chosen])
+    def points(self, unknowns: CellUnknowns, values: Floats, cell: Cell) -> Floats:
+        """Return (n, 3) metres, ``turntable``; ``cell`` is the one that has the values."""
+        angles = self.angles + unknowns.angle_error(values, self.angles, self.way)
+        seen = cell.lasers[self.view.laser].intersect(self.rays)
         base = transforms.apply(transforms.invert(cell.turntable.camera_from_base), seen)
         return turned_back(base, angles)
 
@@ -77,18 +73,40 @@ def measured(cell: Cell, view: View) -> Measured:
     return found
 
 
-def slopes(found: Measured, unknowns: CellUnknowns, which: Ints) -> Floats:
-    """Return (n, C, 3) by how many metres some points move per unknown of the cell."""
+def as_measured(found: Measured, cell: Cell, points_xyz: Floats, angles: Floats) -> Measured:
+    """
+    Return (n, 3) points of the surface, which nobody measured, as the view would have seen them.
+
+    The slopes of a measured point nearby will not do: its table angle is another, and what two
+    sweeps can tell of the angle is in the difference of theirs.
+
+    angles : (n,) radians, of measured points nearby
+    """
+    laser, T = cell.lasers[found.view.laser], cell.turntable.camera_from_base
+    for _ in range(_NEWTON):
+        base = turned_back(points_xyz, -angles)
+        seen = transforms.apply(T, base)
+        turning = np.stack([-base[:, 1], base[:, 0], np.zeros(len(base))], axis=1)
+        rate = turning @ T[:3, :3].T @ laser.normal
+        step = np.divide(laser.distance(seen), rate, out=np.zeros(len(rate)), where=rate != 0)
+        # next to the axis the sheet is met at any angle
+        angles = angles - np.where(np.abs(step) < _NEARBY, step, 0.0)
+    seen = transforms.apply(T, turned_back(points_xyz, -angles))
+    return replace(found, rays=seen / seen[:, 2:], angles=angles)
+
+
+def slopes(found: Measured, unknowns: CellUnknowns) -> Floats:
+    """Return (n, C, 3) by how many metres points move per unknown of the cell."""
     sigma = unknowns.sigma
-    columns = [np.empty((len(which), 0, 3))]
+    columns = [np.empty((len(found.rays), 0, 3))]
     for index, step in enumerate(_PROBE * sigma):
         if step == 0.0:
-            columns.append(np.zeros((len(which), 1, 3)))
+            columns.append(np.zeros((len(found.rays), 1, 3)))
             continue
         probe = np.zeros(len(sigma))
         probe[index] = step
         ahead, behind = (
-            found.points(unknowns, way, unknowns.corrected(way), which) for way in (probe, -probe)
+            found.points(unknowns, way, unknowns.corrected(way)) for way in (probe, -probe)
         )
         columns.append(((ahead - behind) / (2.0 * step))[:, None])
     return np.concatenate(columns, axis=1)
@@ -108,16 +126,6 @@ def turned_back(base_xyz: Floats, angles: Floats) -> Floats:
     cosine, sine = np.cos(angles), np.sin(angles)
     x, y, z = base_xyz.T
     return np.stack([cosine * x + sine * y, cosine * y - sine * x, z], axis=1)
-
-
-def along_normal(cell: Cell, view: View) -> Floats:
-    """Return (points, 3) unit error directions of the valid points, ``turntable``."""
-    valid = view.valid
-    moves = sensitivity(cell, cell.lasers[view.laser], view.uv[valid])
-    base = moves @ cell.turntable.camera_from_base[:3, :3]
-    angles = np.broadcast_to(view.angles, valid.shape)[valid]
-    part = turned_back(base, angles)
-    return np.asarray(part / np.linalg.norm(part, axis=1, keepdims=True))
 
 
 def _way(view: View) -> float:

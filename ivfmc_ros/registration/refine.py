@@ -24,6 +24,7 @@ from ivfmc_ros.registration.joint import meetings
 from ivfmc_ros.registration.joint import reference_views
 from ivfmc_ros.registration.joint import Scene
 from ivfmc_ros.registration.joint import solve_jointly
+from ivfmc_ros.registration.measured import as_measured
 from ivfmc_ros.registration.measured import Measured
 from ivfmc_ros.registration.measured import measured
 from ivfmc_ros.registration.measured import refined_view
@@ -133,7 +134,9 @@ class _Scan:
         return Scene(patches=patches, slopes=[self._slopes(*one) for one in each], edge=self.edge)
 
     def _slopes(self, found: Measured, thin: Samples, patches: Patches) -> Floats:
-        return slopes(found, self.unknowns, thin.first[patches.sample])
+        angles = found.angles[thin.first[patches.sample]]
+        virtual = as_measured(found, self.unknowns.cell, patches.points_xyz, angles)
+        return slopes(virtual, self.unknowns)
 
     def judged(self, joint: Joint, scene: Scene, reach: float) -> Refined:
         values = joint.cell_values

@@ -140,8 +140,9 @@ def _columns(pairs: Pairs, size: int, views: int) -> Ints:
 
 def _by_cluster(score: Floats, middle: Floats, edge: float) -> Floats:
     """Return the sums of (n, m) scores over cubes of ``edge`` metres."""
-    cube = np.floor(middle / edge).astype(np.int64)
-    _, index = np.unique(cube, axis=0, return_inverse=True)
-    order = np.argsort(index.ravel(), kind='stable')
-    starts = np.flatnonzero(np.diff(index.ravel()[order], prepend=-1))
+    cube = np.floor((middle - middle.min(axis=0)) / edge).astype(np.int64)
+    shape = cube.max(axis=0) + 1
+    key = (cube[:, 0] * shape[1] + cube[:, 1]) * shape[2] + cube[:, 2]
+    order = np.argsort(key, kind='stable')
+    starts = np.flatnonzero(np.diff(key[order], prepend=-1))
     return np.asarray(np.add.reduceat(score[order], starts, axis=0))

@@ -41,7 +41,7 @@ _LEAST_PATCHES = 30
 _NOISE = 4.0
 # A motion that leaves more than this share of the misfit, and more than so many sigmas of the
 # points, is not what happened: the cell errs, or the part bends.
-_LEFT, _NOISY = 0.5, 3.0
+_LEFT, _NOISY = 0.5, 2.0
 # Views that were turned down are held at the table, and the others solved again.
 _ROUNDS = 3
 

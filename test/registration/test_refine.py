@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from erring_table import erring_cell
+from erring_table import profiles_of
 from erring_table import stripes
 from erring_table import turns
 from erring_table import views_of
@@ -12,10 +13,14 @@ from surfaces import empty
 from synthetic import small_cell
 
 from ivfmc_ros.cell import transforms
+from ivfmc_ros.cell.cell_file import load_cell
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.pipeline import rebuild
+from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.registration.prior import CellPrior
 from ivfmc_ros.registration.refine import refine
+from ivfmc_ros.results import write_results
 from ivfmc_ros.simulation.parts import box
 from ivfmc_ros.surface import Surface
 
@@ -110,3 +115,23 @@ def test_views_of_another_cell_are_refused(scan):
 def test_orders_that_no_table_needs_are_refused():
     with pytest.raises(ParameterError, match='prior: orders: 12 is out of range'):
         CellPrior(orders=12)
+
+
+def test_pipeline_corrects_the_cell_and_writes_it(scan, tmp_path):
+    sweeps, measured = scan
+    bad = erring_cell(CELL, np.random.default_rng(4), offset=3e-4, tilt=0.1, laser_tilt=0.1)
+    profiles = profiles_of(bad, measured, sweeps)
+    made = rebuild(bad, profiles, Settings(refine=('axis', 'lasers'), island_least=20))
+    assert made.refined is not None
+    assert made.refined.applied
+    document = write_results(tmp_path / 'result', bad, made, 'test', {})
+    corrected = load_cell(tmp_path / 'result' / 'cell.yaml', CELL.camera)
+    pose = made.refined.cell.turntable.camera_from_base
+    assert np.allclose(corrected.turntable.camera_from_base, pose)
+    assert document['refined']['misfit_m']['after'] < document['refined']['misfit_m']['before']
+    assert len(document['refined']['unknowns']) == 10
+
+
+def test_group_that_cannot_be_refined_is_refused_by_the_settings():
+    with pytest.raises(ParameterError, match="refine: 'scale' is not one of"):
+        Settings(refine=('scale',))
