@@ -1,0 +1,272 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Meshing: three methods against the CAD, soundness, edges, volume, time, the bunny."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+import os
+from pathlib import Path
+import resource
+import tempfile
+import time
+
+from cylinder_scan import coverage
+import numpy as np
+import open3d as o3d
+from range_scans import read_bunny
+import trimesh
+
+from bench import at_least
+from bench import at_most
+from bench import Number
+from ivfmc_ros.cell.volume import Volume
+from ivfmc_ros.meshing import export
+from ivfmc_ros.meshing import samples as sampling
+from ivfmc_ros.meshing.build import build_mesh
+from ivfmc_ros.meshing.integrate import integrate
+from ivfmc_ros.meshing.poisson import poisson
+from ivfmc_ros.meshing.settings import MeshSettings
+from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Mesh
+from ivfmc_ros.pipeline import reconstruct
+from ivfmc_ros.pipeline import Reconstruction
+from ivfmc_ros.pipeline import Settings
+from ivfmc_ros.simulation.bench import bench_cell
+from ivfmc_ros.simulation.parts import box
+from ivfmc_ros.simulation.parts import demo_part
+from ivfmc_ros.simulation.parts import stepped_shaft
+from ivfmc_ros.simulation.render import simulate_scan
+from ivfmc_ros.simulation.solids import Solid
+from ivfmc_ros.stripe.acquisition import AcquisitionSettings
+from ivfmc_ros.surface import Surface
+
+STEPS = 200
+CELL = bench_cell()
+PARTS = {
+    'demo part': demo_part,
+    'cube': lambda: box((0.04, 0.04, 0.04)),
+    'stepped shaft': lambda: stepped_shaft([(0.03, 0.02), (0.02, 0.02), (0.012, 0.02)]),
+}
+# The stripe of the bench cell is 2.5 px (1 sigma) wide: 4 sigma at 0.17 mm a pixel.
+STRIPE_WIDTH = 1.7e-3
+# Points nearer than this to an edge of the CAD are not on a face.
+FACE_MARGIN = 1.2e-3
+
+
+def run() -> Iterator[Number]:
+    for name, make in PARTS.items():
+        part = make()
+        made = scan(part)
+        yield from methods(name, part, made)
+        if name != 'demo part':
+            yield from closed(name, part, made)
+    held, width = coverage(cells=100, seed=11)
+    note = f'bench cell, R 20 mm, median width of the interval {width * 1e3:.3f} mm'
+    yield Number('diameters within their 95 % interval', held, 'of 100', at_least(90), note)
+    yield from times()
+    yield from bunny()
+
+
+def scan(part: Solid) -> Reconstruction:
+    settings = Settings(acquisition=AcquisitionSettings(volume=Volume(bottom=0.5e-3)))
+    return reconstruct(CELL, simulate_scan(CELL, part, STEPS, seed=1), settings)
+
+
+@dataclass(frozen=True)
+class Quality:
+    rms: float
+    p95: float
+    back_rms: float
+    faces_rms: float
+
+
+def methods(name: str, part: Solid, made: Reconstruction) -> Iterator[Number]:
+    """All views, 200 steps, both lasers, speckle 0.15: mesh to CAD and CAD to mesh."""
+    truth = Surface(part.vertices_xyz, part.faces)
+    points = np.concatenate([view.cloud() for view in made.views])
+    distance = truth.signed_distance(points)
+    raw_faces = rms(distance[on_faces(truth, points)])
+    seen = seen_of_cad(part, points)
+    found = {}
+    for method in ('paper', 'integrate', 'poisson'):
+        mesh = build_mesh(CELL, made.views, made.poses, MeshSettings(method=method))
+        found[method] = quality(mesh, truth, seen)
+    best = found['integrate']
+    for method, q in found.items():
+        others = [x for key, x in found.items() if key != method]
+        bar = at_most(1e3 * min(o.rms for o in others)) if method == 'integrate' else None
+        note = f'95 % {q.p95 * 1e3:.4f} mm'
+        yield Number(f'{name}, {method}, mesh to CAD, rms', q.rms * 1e3, 'mm', bar, note)
+        bar = at_most(1e3 * min(o.back_rms for o in others)) if method == 'integrate' else None
+        yield Number(f'{name}, {method}, CAD to mesh, rms', q.back_rms * 1e3, 'mm', bar)
+    note = f'raw points {raw_faces * 1e3:.4f} mm, mesh {best.faces_rms * 1e3:.4f} mm'
+    yield Number(
+        f'{name}, faces, share of the raw rms', best.faces_rms / raw_faces, '', at_most(0.35), note
+    )
+
+
+def rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def quality(mesh: Mesh, truth: Surface, seen: Floats) -> Quality:
+    distance = truth.signed_distance(mesh.vertices_xyz)
+    back = Surface(mesh.vertices_xyz, mesh.faces).nearest(seen).distance
+    return Quality(
+        rms=rms(distance),
+        p95=float(np.percentile(np.abs(distance), 95)),
+        back_rms=rms(back),
+        faces_rms=rms(distance[on_faces(truth, mesh.vertices_xyz)]),
+    )
+
+
+def on_faces(truth: Surface, points: Floats) -> np.ndarray:
+    """Tell which points are away from edges: the CAD around them is smooth."""
+    near = truth.nearest(points)
+    n = near.normals
+    ok = near.distance < 0.3e-3
+    first = np.cross(n, [0.3, 0.5, 0.8])
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(n, first)
+    for angle in np.linspace(0, 2 * np.pi, 8, endpoint=False):
+        step = np.cos(angle) * first + np.sin(angle) * second
+        there = truth.nearest(near.points_xyz + FACE_MARGIN * step)
+        ok &= ((there.normals * n).sum(axis=1) > 0.99) & (there.distance < 0.06e-3)
+    return ok
+
+
+def seen_of_cad(part: Solid, points: Floats) -> Floats:
+    """Return points of the CAD that have a measured point within 0.5 mm."""
+    cad = trimesh.Trimesh(part.vertices_xyz, part.faces, process=False)
+    wanted, _ = trimesh.sample.sample_surface(cad, 60_000, seed=2)
+    tree = o3d.geometry.KDTreeFlann(points.T)
+    near = [tree.search_knn_vector_3d(point, 1)[2][0] for point in wanted]
+    return np.asarray(wanted)[np.sqrt(near) < 0.5e-3]
+
+
+def closed(name: str, part: Solid, made: Reconstruction) -> Iterator[Number]:
+    """The mesh with ``close: all``: sound, of the right volume, with sharp edges."""
+    mesh = build_mesh(CELL, made.views, made.poses, MeshSettings(close='all'))
+    read = trimesh.Trimesh(mesh.vertices_xyz * 1e3, mesh.faces, process=False)
+    sound = read.is_watertight and read.is_winding_consistent and read.area_faces.min() > 0
+    yield Number(f'{name}, watertight and oriented', float(sound), '', at_least(1))
+    crossed = intersecting(mesh)
+    note = f'{len(mesh.faces)} faces, blockwise by open3d'
+    yield Number(f'{name}, faces that intersect', crossed, '', at_most(0), note)
+    off = abs(read.volume * 1e-9 / part.volume - 1.0)
+    yield Number(f'{name}, volume', off * 100, '%', at_most(0.1))
+    spacing = max(sampling.spacings(made.views[0].points_xyz))
+    bar = at_most(max(1.5 * spacing, STRIPE_WIDTH) * 1e3)
+    note = f'spacing {spacing * 1e3:.2f} mm, stripe {STRIPE_WIDTH * 1e3:.1f} mm wide'
+    yield Number(f'{name}, edge radius, median', edge_radius(mesh, part) * 1e3, 'mm', bar, note)
+
+
+def edge_radius(mesh: Mesh, part: Solid) -> float:
+    """
+    Return the radius of the rounding that leaves as much at a square edge as is missing there.
+
+    A rounding of radius r leaves a gap of r (sqrt 2 - 1) between the edge and the surface.
+    """
+    cad = trimesh.Trimesh(part.vertices_xyz, part.faces, process=True)
+    sharp = np.asarray(cad.face_adjacency_angles) > 1.2
+    convex = np.asarray(cad.face_adjacency_convex)
+    ends = cad.vertices[np.asarray(cad.face_adjacency_edges)[sharp & convex]]
+    share = np.linspace(0.1, 0.9, 20)[:, None, None]
+    edges = (ends[None, :, 0] * (1 - share) + ends[None, :, 1] * share).reshape(-1, 3)
+    # the edges at the platter were not seen
+    edges = edges[edges[:, 2] > 2e-3]
+    gap = Surface(mesh.vertices_xyz, mesh.faces).nearest(edges).distance
+    return float(np.median(gap)) / (np.sqrt(2.0) - 1.0)
+
+
+def intersecting(mesh: Mesh, side: float = 4e-3) -> int:
+    """Return how many pairs of faces intersect: open3d's test, on blocks that overlap."""
+    corners = mesh.vertices_xyz[mesh.faces]
+    middle = corners.mean(axis=1)
+    block = np.floor(middle / side).astype(np.int64)
+    pairs = 0
+    for cell in np.unique(block, axis=0):
+        low, high = cell * side, (cell + 1) * side
+        near = ((middle > low - 1e-3) & (middle < high + 1e-3)).all(axis=1)
+        used, faces = np.unique(mesh.faces[near], return_inverse=True)
+        piece = o3d.geometry.TriangleMesh(
+            o3d.utility.Vector3dVector(mesh.vertices_xyz[used]),
+            o3d.utility.Vector3iVector(faces.reshape(-1, 3)),
+        )
+        pairs += len(piece.get_self_intersecting_triangles())
+    return pairs
+
+
+def ball(count: int) -> sampling.Samples:
+    """Return samples on a bumpy ball, with noise."""
+    rng = np.random.default_rng(0)
+    normal = rng.normal(size=(count, 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    bump = 0.03 * (1 + 0.02 * np.sin(9 * normal[:, :1]) * np.cos(7 * normal[:, 1:2]))
+    return sampling.Samples(
+        points_xyz=bump * normal + rng.normal(scale=1e-5, size=(count, 3)),
+        normals=normal,
+        sight=normal,
+        weight=np.full(count, 1e10),
+        intensity=np.full(count, 100.0),
+    )
+
+
+def times() -> Iterator[Number]:
+    """One million points to a closed mesh on disk; processor time, as other work may run."""
+    counts = (250_000, 1_000_000, 2_000_000)
+    seconds = []
+    settings = MeshSettings(close='all', floor=None)
+    for count in counts:
+        points = ball(count)
+        # as many vertices as points: about 1.5 a voxel's face
+        voxel = float(np.sqrt(1.6 * 4 * np.pi * 0.03**2 / count))
+        seconds.append(timed(points, voxel, settings))
+        if count == 1_000_000:
+            start = time.process_time()
+            mesh = poisson(points, 2.0 * voxel, 1.0, settings)
+            theirs = time.process_time() - start
+            note = f'{seconds[-1][0]:.1f} s, {seconds[-1][1]} vertices; '
+            note += f'Poisson {theirs:.1f} s, {len(mesh.vertices_xyz)} vertices'
+            # at an equal number of vertices
+            fair = theirs * seconds[-1][1] / len(mesh.vertices_xyz)
+            yield Number('a million points, share of Poisson', seconds[-1][0] / fair, '',
+                         at_most(0.2), note)  # fmt: skip
+    slope = np.polyfit(np.log(counts), np.log([s for s, _ in seconds]), 1)[0]
+    note = ', '.join(f'{n / 1e6:g} M {s:.1f} s' for n, (s, _) in zip(counts, seconds, strict=True))
+    yield Number('exponent of the time', slope, '', at_most(1.15), note)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / counts[-1]
+    yield Number('peak memory per point', peak, 'byte', note='of the whole process, 2 M points')
+
+
+def timed(points: sampling.Samples, voxel: float, settings: MeshSettings) -> tuple[float, int]:
+    start = time.process_time()
+    mesh = integrate(points, voxel, settings)
+    with tempfile.TemporaryDirectory() as folder:
+        export.write_mesh(Path(folder) / 'mesh.stl', mesh)
+    return time.process_time() - start, len(mesh.vertices_xyz)
+
+
+def bunny() -> Iterator[Number]:
+    """Ten range scans with the poses of Stanford."""
+    default = Path(__file__).resolve().parents[3] / 'shared' / 'data'
+    folder = Path(os.environ.get('IVFMC_DATA', default)) / 'bunny'
+    if not folder.is_dir():
+        raise FileNotFoundError(f'{folder}: the bunny was not measured')
+    grids = read_bunny(folder)
+    steps = np.median([sampling.spacings(grid.points_xyz) for grid in grids], axis=0)
+    voxel = float(np.sqrt(np.prod(steps)))
+    points = sampling.merge(sampling.from_grid(grid, None, voxel) for grid in grids)
+    mesh = integrate(points, voxel, MeshSettings(floor=None))
+    merged = o3d.io.read_triangle_mesh(folder / 'bun_zipper_res2.ply')
+    vertices = np.asarray(merged.vertices)
+    distance = Surface(mesh.vertices_xyz, mesh.faces).nearest(vertices).distance
+    read = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(mesh.vertices_xyz), o3d.utility.Vector3iVector(mesh.faces)
+    )
+    pieces = len(read.cluster_connected_triangles()[1])
+    note = f'{len(points)} samples, 95 % {np.percentile(distance, 95) * 1e3:.3f} mm'
+    yield Number('bunny, median distance', np.median(distance) * 1e3, 'mm', at_most(0.2), note)
+    sound = read.is_edge_manifold(True) and read.is_vertex_manifold()
+    yield Number('bunny, 2-manifold', float(sound), '', at_least(1))
+    yield Number('bunny, pieces', pieces, '', at_most(1))
