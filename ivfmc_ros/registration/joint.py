@@ -51,26 +51,26 @@ class Scene:
     """
     What is to be brought together.
 
-    patches : of each view, frame ``turntable``; slopes : of each view, (n, C, 3) metres per
-        unknown of the cell; edge : metres, between patches
+    patches : of each view, frame ``turntable``; slopes : None where the cell is known
+    edge : metres, between patches
     """
 
     patches: Sequence[Patches]
-    slopes: Slopes
+    slopes: Slopes | None
     edge: float
 
     @property
     def cell_unknowns(self) -> int:
         """How many unknowns the cell has."""
-        return self.slopes[0].shape[1] if self.slopes else 0
+        return self.slopes.unknowns if self.slopes else 0
 
     def moved(self, cell_values: Floats) -> Sequence[Patches]:
         """Return the patches of the cell changed by (C,) values, to first order."""
-        if not cell_values.any():
+        if self.slopes is None or not cell_values.any():
             return self.patches
         return [
             patches.moved(np.einsum('ncd,c->nd', slopes, cell_values))
-            for patches, slopes in zip(self.patches, self.slopes, strict=True)
+            for patches, slopes in zip(self.patches, self.slopes.of_patches, strict=True)
         ]
 
 
@@ -216,9 +216,10 @@ class _Steps:
         poses = change[: DOF * self._views].reshape(-1, DOF)
         most = float((poses[:, :3].sum(axis=1) * self.size + poses[:, 3:].sum(axis=1)).max())
         cell = change[DOF * self._views :]
-        if not len(cell):
+        if self.scene.slopes is None or not len(cell):
             return most
-        length = [np.abs(slopes).max(axis=(0, 2)) for slopes in self.scene.slopes if len(slopes)]
+        known = self.scene.slopes.of_patches
+        length = [np.abs(slopes).max(axis=(0, 2)) for slopes in known if len(slopes)]
         return most + float((np.max(length, axis=0) * cell).sum()) if length else most
 
 

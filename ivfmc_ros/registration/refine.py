@@ -17,6 +17,7 @@ from scipy.linalg import block_diag
 
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
 from ivfmc_ros.registration.joint import Joint
@@ -30,14 +31,13 @@ from ivfmc_ros.registration.measured import measured
 from ivfmc_ros.registration.measured import refined_view
 from ivfmc_ros.registration.measured import slopes
 from ivfmc_ros.registration.patches import fit_patches
-from ivfmc_ros.registration.patches import Patches
 from ivfmc_ros.registration.prior import CellPrior
 from ivfmc_ros.registration.prior import pose_root
 from ivfmc_ros.registration.prior import TablePrior
 from ivfmc_ros.registration.samples import common_edge
 from ivfmc_ros.registration.samples import sample
-from ivfmc_ros.registration.samples import Samples
 from ivfmc_ros.registration.system import DOF
+from ivfmc_ros.registration.system import Slopes
 from ivfmc_ros.registration.table import significant
 from ivfmc_ros.registration.unknowns import CellUnknowns
 from ivfmc_ros.registration.unknowns import require_groups
@@ -130,13 +130,22 @@ class _Scan:
     def scene(self, views: Sequence[View]) -> Scene:
         samples = [sample(view, self.edge) for view in views]
         patches = [fit_patches(thin, self.edge) for thin in samples]
-        each = zip(self.found, samples, patches, strict=True)
-        return Scene(patches=patches, slopes=[self._slopes(*one) for one in each], edge=self.edge)
+        angles = [
+            found.angles[thin.first[fitted.sample]]
+            for found, thin, fitted in zip(self.found, samples, patches, strict=True)
+        ]
 
-    def _slopes(self, found: Measured, thin: Samples, patches: Patches) -> Floats:
-        angles = found.angles[thin.first[patches.sample]]
-        virtual = as_measured(found, self.unknowns.cell, patches.points_xyz, angles)
-        return slopes(virtual, self.unknowns)
+        def slopes_at(view: int, points_xyz: Floats, near: Ints) -> Floats:
+            cell = self.unknowns.cell
+            there = as_measured(self.found[view], cell, points_xyz, angles[view][near])
+            return slopes(there, self.unknowns)
+
+        of_patches = [
+            slopes_at(view, fitted.points_xyz, np.arange(len(fitted)))
+            for view, fitted in enumerate(patches)
+        ]
+        known = Slopes(of_patches=of_patches, at=slopes_at)
+        return Scene(patches=patches, slopes=known, edge=self.edge)
 
     def judged(self, joint: Joint, scene: Scene, reach: float) -> Refined:
         values = joint.cell_values

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The normal equations of all pairs of all views, in six unknowns a view and those of the cell."""
 
+from collections.abc import Callable
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,8 +22,27 @@ _REGION, _SYSTEMATIC = 20.0, 0.3
 # Residuals of so many sigmas are no outliers.
 _ROBUST = 2.5
 
-# (n, C, 3) metres per unknown of the cell, of every patch of every view; C may be 0
-Slopes = Sequence[Floats]
+# (view, (n, 3) points, (n,) patches near them) -> (n, C, 3) metres per unknown of the cell
+SlopesAt = Callable[[int, Floats, Ints], Floats]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Slopes:
+    """
+    How the points of every view move with the unknowns of the cell.
+
+    of_patches : of each view, (n, C, 3) metres per unknown
+    at : the same anywhere on the surface. Both views of a pair are asked at one point: between
+        two patches, even a millimetre apart, the table angle differs by what would pass for news
+    """
+
+    of_patches: Sequence[Floats]
+    at: SlopesAt
+
+    @property
+    def unknowns(self) -> int:
+        """How many there are."""
+        return self.of_patches[0].shape[1] if self.of_patches else 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +88,7 @@ def robust_scale(blocks: Sequence[Pairs]) -> float:
 
 
 def assemble(
-    blocks: Sequence[Pairs], slopes: Slopes, views: int, noise: Noise, edge: float | None
+    blocks: Sequence[Pairs], slopes: Slopes | None, views: int, noise: Noise, edge: float | None
 ) -> System:
     """
     Build the normal equations.
@@ -76,7 +96,7 @@ def assemble(
     edge : metres, between patches; None while the residuals are the error that is looked for,
         from which the scatter of noise cannot be told
     """
-    size = DOF * views + (slopes[0].shape[1] if slopes else 0)
+    size = DOF * views + (slopes.unknowns if slopes else 0)
     total = [np.zeros((size, size)) for _ in range(3)]
     gradient = np.zeros(size)
     for pairs in blocks:
@@ -91,11 +111,12 @@ def assemble(
     return System(information=total[0], curvature=total[1], gradient=gradient, scatter=total[2])
 
 
-def _of_pairs(pairs: Pairs, slopes: Slopes, noise: Noise, edge: float | None) -> System:
+def _of_pairs(pairs: Pairs, slopes: Slopes | None, noise: Noise, edge: float | None) -> System:
     """Return the normal equations of the pairs of two views, in their 12 + C unknowns."""
     weight = robust_weight(pairs, noise)[:, None]
-    one = jacobian(pairs, pairs.normals_a, slopes)
-    other = jacobian(pairs, pairs.normals_b, slopes)
+    differ = _differences(pairs, slopes)
+    one = jacobian(pairs, pairs.normals_a, differ)
+    other = jacobian(pairs, pairs.normals_b, differ)
     both = (one + other) * (0.5 * np.sqrt(weight))
     cross = (one * weight).T @ other
     score = -both * (pairs.residuals[:, None] * np.sqrt(weight))
@@ -122,13 +143,23 @@ def robust_weight(pairs: Pairs, noise: Noise) -> Floats:
     return np.asarray(1.0 / (spread**2 * (1.0 + far**2) ** 2))
 
 
-def jacobian(pairs: Pairs, normals: Floats, slopes: Slopes) -> Floats:
-    """Return (n, 12 + C): how residuals change with the pose of a, of b, and the cell."""
+def jacobian(pairs: Pairs, normals: Floats, differ: Floats | None) -> Floats:
+    """
+    Return (n, 12 + C): how residuals change with the pose of a, of b, and the cell.
+
+    differ : (n, C, 3) metres per unknown of the cell by which a's point moves more than b's
+    """
     moves = np.hstack([np.cross(pairs.middle, normals), normals])
-    if not slopes or not slopes[0].shape[1]:
+    if differ is None:
         return np.hstack([moves, -moves])
-    differ = slopes[pairs.a][pairs.i] - slopes[pairs.b][pairs.j]
     return np.hstack([moves, -moves, np.einsum('ncd,nd->nc', differ, normals)])
+
+
+def _differences(pairs: Pairs, slopes: Slopes | None) -> Floats | None:
+    if slopes is None or not slopes.unknowns:
+        return None
+    one = slopes.at(pairs.a, pairs.middle, pairs.i)
+    return np.asarray(one - slopes.at(pairs.b, pairs.middle, pairs.j))
 
 
 def _columns(pairs: Pairs, size: int, views: int) -> Ints:

@@ -57,7 +57,7 @@ def joint_poses(
     :raises GeometryError: a view has points that no table carries
     """
     patches, edge = surface_patches(views, most)
-    scene = Scene(patches=patches, slopes=(), edge=edge)
+    scene = Scene(patches=patches, slopes=None, edge=edge)
     before = meetings(scene, np.tile(np.eye(4), (len(views), 1, 1)), reach)
     references, sets = reference_views(before, len(views))
     table = _Table(
