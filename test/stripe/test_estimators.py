@@ -62,5 +62,5 @@ def test_clipped_pixels_are_left_out(method):
 
 
 def test_unknown_method_is_refused():
-    with pytest.raises(ParameterError, match=r"^method: 'steger' is not one of paper, centre_of"):
+    with pytest.raises(ParameterError, match=r"^method: 'steger' is not one of auto, paper"):
         ExtractSettings(method='steger')
