@@ -9,6 +9,7 @@ from ivfmc_ros.cli.calibrate_laser import laser
 from ivfmc_ros.cli.calibrate_nominal import nominal
 from ivfmc_ros.cli.calibrate_turntable import angles
 from ivfmc_ros.cli.calibrate_turntable import turntable
+from ivfmc_ros.cli.noise import noise
 
 
 @click.group()
@@ -21,5 +22,5 @@ def calibrate() -> None:
     """
 
 
-for command in (camera, laser, turntable, angles, nominal):
+for command in (camera, laser, turntable, angles, nominal, noise):
     calibrate.add_command(command)

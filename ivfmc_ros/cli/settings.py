@@ -3,6 +3,7 @@
 """Options that say how a scan is reconstructed, in the units that people measure in."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 from typing import TypeVar
 
@@ -19,6 +20,7 @@ from ivfmc_ros.registration.unknowns import REFINABLE
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 from ivfmc_ros.stripe.estimators import METHODS as STRIPE_METHODS
 from ivfmc_ros.stripe.extract import ExtractSettings
+from ivfmc_ros.stripe.noise_file import load_noise
 
 Command = TypeVar('Command', bound=Callable[..., Any])
 
@@ -37,6 +39,8 @@ _OPTIONS = (
     click.option('--channel', default='auto', show_default=True,
                  help='Colours that measure the stripe, such as red or blue+red; auto takes '
                       'those that do not saturate.'),
+    click.option('--noise', type=click.Path(path_type=Path),
+                 help='noise.yaml of the camera.  [default: that of the bench cell]'),
     click.option('--min-contrast', type=float, default=0.01, show_default=True,
                  help='Least height of the stripe above its background, share of full scale.'),
     click.option('--noise-distance', type=float, default=2.0, show_default=True, metavar='MM',
@@ -86,6 +90,7 @@ def settings_of(options: dict[str, Any]) -> Settings:
     extract = ExtractSettings(
         method=options['method'],
         channel=options['channel'],
+        noise=None if options['noise'] is None else load_noise(options['noise']),
         min_contrast=options['min_contrast'],
     )
     max_edge = options['max_edge']
