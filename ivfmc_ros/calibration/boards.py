@@ -25,6 +25,7 @@ _LENGTH = re.compile(r'([0-9]*\.?[0-9]+)(mm|m)')
 _GRID = re.compile(r'([0-9]+)x([0-9]+)')
 # Percentile of the pixels that is as bright as paper where a stripe is brighter.
 _WHITE = 95.0
+_SUBPIX = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-4)
 _UNITS = {'mm': 1e-3, 'm': 1.0}
 
 
@@ -207,7 +208,37 @@ def _find_charuco(board: Board, gray: NDArray[np.uint8], _: bool) -> Corners | N
     uv, ids = cv2.aruco.CharucoDetector(board.charuco()).detectBoard(gray)[:2]
     if ids is None or len(ids) < 4:
         return None
-    return Corners(
+    corners = Corners(
         ids=np.asarray(ids, dtype=np.int64).ravel(),
         uv=np.asarray(uv, dtype=np.float64).reshape(-1, 2),
     )
+    # OpenCV 4.8 gives corners half a pixel off, 5.0 does not: what is measured here is neither's
+    return _refined(board, corners, gray)
+
+
+def _refined(board: Board, corners: Corners, gray: NDArray[np.uint8]) -> Corners:
+    """
+    Measure charuco corners in a picture of the board seen from straight above.
+
+    A window in the picture itself would take in edges of markers where the board is seen at a low
+    angle, which moved corners by a pixel; from above it can be as large as the markers' margin.
+    """
+    xy = board.corners_xyz[corners.ids, :2]
+    # None for corners in a line, which the stubs do not know
+    image_from_board: Any = cv2.findHomography(xy, corners.uv)[0]
+    if image_from_board is None:
+        return corners
+    center = xy.mean(axis=0)
+    near = center + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]) * 0.1 * board.square
+    spots = cv2.perspectiveTransform(near.reshape(-1, 1, 2), image_from_board).reshape(-1, 2)
+    density = np.linalg.norm(spots[1:] - spots[0], axis=1).max() / (0.1 * board.square)
+    board_from_above = np.diag([1 / density, 1 / density, 1.0])
+    size = np.ceil(density * board.square * np.array([board.columns, board.rows])).astype(int)
+    H = image_from_board @ board_from_above
+    flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+    above = cv2.warpPerspective(gray, H, (int(size[0]), int(size[1])), flags=flags)
+    reach = int(np.clip(0.5 * (board.square - (board.marker or 0.0)) * density, 2, 15))
+    start = cv2.perspectiveTransform(corners.uv.reshape(-1, 1, 2), np.linalg.inv(H))
+    found = cv2.cornerSubPix(above, start.astype(np.float32), (reach, reach), (-1, -1), _SUBPIX)
+    uv = cv2.perspectiveTransform(np.asarray(found, dtype=np.float64), H)
+    return Corners(ids=corners.ids, uv=np.asarray(uv, dtype=np.float64).reshape(-1, 2))

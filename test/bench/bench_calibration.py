@@ -111,7 +111,7 @@ def plane_error(truth: Cell, number: int, found: LaserPlane) -> Number:
     off = np.abs(found.distance(points))
     design = np.column_stack([points, np.ones(len(points))])
     claimed = np.sqrt(np.einsum('ni,ij,nj->n', design, found.covariance, design))
-    note = f'rms error / claimed sigma {np.sqrt(np.mean((off / claimed) ** 2)):.2f}'
+    note = f'{np.sqrt(np.mean((off / claimed) ** 2)):.1f} claimed sigmas (camera known)'
     name = f'laser plane {found.name}, worst in the volume'
     return Number(name, float(off.max()) * 1e3, 'mm', at_most(0.03), note)
 
@@ -127,7 +127,7 @@ def axis_error(truth: Cell, table: TurntableCalibration) -> Number:
     claimed = np.sqrt(np.diag(table.adjusted.covariance))
     seen = np.array([-moved[1, 2], moved[0, 2], *moved[:2, 3]])
     ratio = float(np.sqrt(np.mean((seen / claimed[:4]) ** 2)))
-    note = f'rms error / claimed sigma {ratio:.2f}'
+    note = f'{ratio:.1f} claimed sigmas (camera known)'
     return Number('table axis, worst in the volume', worst * 1e3, 'mm', at_most(0.05), note)
 
 

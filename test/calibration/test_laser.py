@@ -29,6 +29,12 @@ def draw(folder: Path, cell, board, places, seed=0):
 
 
 @pytest.fixture(scope='module')
+def board():
+    """Squares large enough for a stripe that is wide in these small pictures."""
+    return parse_board('chessboard:7x5:18mm')
+
+
+@pytest.fixture(scope='module')
 def rendered(tmp_path_factory, cell, board):
     folder = tmp_path_factory.mktemp('stripe')
     rng = np.random.default_rng(2)

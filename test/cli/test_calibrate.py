@@ -18,7 +18,7 @@ from ivfmc_ros.simulation.boards import render_board
 from ivfmc_ros.simulation.boards import render_platter_board
 from ivfmc_ros.simulation.boards import scatter_poses
 
-CHESSBOARD, CHARUCO = 'chessboard:9x7:13mm', 'charuco:8x6:15mm:11mm:DICT_4X4_50'
+CHESSBOARD, CHARUCO = 'chessboard:7x5:17mm', 'charuco:8x6:15mm:11mm:DICT_4X4_50'
 
 
 def small_cell():
@@ -40,7 +40,7 @@ def pictures(tmp_path_factory):
         (folder / name).mkdir()
     for k, pose in enumerate(scatter_poses(cell, board, 9, rng, tilt=0.8)):
         cv2.imwrite(str(folder / 'camera' / f'{k}.png'), render_board(cell, board, pose, rng=rng))
-    for k, pose in enumerate(scatter_poses(cell, board, 9, rng)):
+    for k, pose in enumerate(scatter_poses(cell, board, 12, rng)):
         image = render_board(cell, board, pose, 0, rng=rng)
         cv2.imwrite(str(folder / 'laser' / f'{k}.png'), image)
     for k in range(6):
@@ -85,7 +85,7 @@ def test_rendered_cell_is_calibrated_from_pictures(run, pictures, tmp_path):
     true = cell.turntable.camera_from_base
     assert np.linalg.norm(found.turntable.camera_from_base[:3, 3] - true[:3, 3]) < 1e-3
     assert np.degrees(np.arccos(found.lasers[0].normal @ cell.lasers[0].normal)) < 0.3
-    assert found.notes['board']['square_m'] == pytest.approx(0.013)
+    assert found.notes['board']['square_m'] == pytest.approx(0.017)
     report = json.loads((tmp_path / 'cell.left.report.json').read_text())
     assert report['scale'] == f'the squares of {CHESSBOARD}'
     assert (
