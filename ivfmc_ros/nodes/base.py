@@ -11,6 +11,7 @@ from collections.abc import Awaitable
 from collections.abc import Callable
 from collections.abc import Sequence
 import inspect
+import os
 import signal
 import threading
 from typing import Any
@@ -47,6 +48,8 @@ DIAGNOSTICS_S = 1.0
 
 # An executor that raises this often without doing anything in between is broken.
 _HOPELESS = 1000
+# Seconds that a node may take to end in order.
+_PATIENCE = 20.0
 
 Handler = Callable[[], Answer | Awaitable[Answer]]
 
@@ -250,7 +253,7 @@ def run(make: Callable[[], CellNode], arguments: Sequence[str] | None = None) ->
     )
     ending = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ending.set())
+        signal.signal(number, lambda *_: _begin_to_end(ending))
     try:
         node = make()
     except ScanError as error:
@@ -263,6 +266,15 @@ def run(make: Callable[[], CellNode], arguments: Sequence[str] | None = None) ->
         _end(node)
 
 
+def _begin_to_end(ending: threading.Event) -> None:
+    """End in order; whatever hangs on the way must not keep an orphan alive."""
+    if not ending.is_set():
+        ending.set()
+        last_resort = threading.Timer(_PATIENCE, os._exit, (3,))
+        last_resort.daemon = True
+        last_resort.start()
+
+
 def _spin(node: CellNode, ending: threading.Event) -> int:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
@@ -270,7 +282,7 @@ def _spin(node: CellNode, ending: threading.Event) -> int:
     # the heartbeat wakes this loop often enough to see the signal
     while not ending.is_set() and rclpy.ok():
         try:
-            executor.spin_once()
+            executor.spin_once(timeout_sec=0.5)
             failures = 0
         except (ExternalShutdownException, ShutdownException):
             break
