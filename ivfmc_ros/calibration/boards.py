@@ -26,6 +26,9 @@ _GRID = re.compile(r'([0-9]+)x([0-9]+)')
 # Percentile of the pixels that is as bright as paper where a stripe is brighter.
 _WHITE = 95.0
 _SUBPIX = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-4)
+# Pixels of the view from above for one of the picture: at one to one, all corners of a board seen
+# straight fall on the same fraction of a pixel and share its error (0.035 px, 0.012 px with 1.5).
+_FINER = 1.5
 _UNITS = {'mm': 1e-3, 'm': 1.0}
 
 
@@ -231,13 +234,13 @@ def _refined(board: Board, corners: Corners, gray: NDArray[np.uint8]) -> Corners
     center = xy.mean(axis=0)
     near = center + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]) * 0.1 * board.square
     spots = cv2.perspectiveTransform(near.reshape(-1, 1, 2), image_from_board).reshape(-1, 2)
-    density = np.linalg.norm(spots[1:] - spots[0], axis=1).max() / (0.1 * board.square)
+    density = _FINER * np.linalg.norm(spots[1:] - spots[0], axis=1).max() / (0.1 * board.square)
     board_from_above = np.diag([1 / density, 1 / density, 1.0])
     size = np.ceil(density * board.square * np.array([board.columns, board.rows])).astype(int)
     H = image_from_board @ board_from_above
-    flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     above = cv2.warpPerspective(gray, H, (int(size[0]), int(size[1])), flags=flags)
-    reach = int(np.clip(0.5 * (board.square - (board.marker or 0.0)) * density, 2, 15))
+    reach = int(np.clip(0.5 * (board.square - (board.marker or 0.0)) * density, 3, 22))
     start = cv2.perspectiveTransform(corners.uv.reshape(-1, 1, 2), np.linalg.inv(H))
     found = cv2.cornerSubPix(above, start.astype(np.float32), (reach, reach), (-1, -1), _SUBPIX)
     uv = cv2.perspectiveTransform(np.asarray(found, dtype=np.float64), H)
