@@ -20,6 +20,7 @@ from ivfmc_ros.stripe import channel
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
 from ivfmc_ros.stripe.extract import Stripe
+from ivfmc_ros.stripe.region import Region
 
 # The stripe is taken up to this many squares beyond the outermost corners, if it goes straight.
 MARGIN = 3.5
@@ -141,7 +142,7 @@ def _with_window(
     hat = cv2.morphologyEx(grey, cv2.MORPH_TOPHAT, np.ones((height, width), dtype=np.uint8))
     clear = np.ones((along, across) if stripe == 'rows' else (across, along), dtype=np.uint8)
     mask = cv2.erode(white.astype(np.uint8), clear) > 0
-    found = extract(cast(Image, hat), stripe, settings, mask=mask)
+    found = extract(cast(Image, hat), stripe, settings, Region.of(mask))
     return _on_paper(found, grey, cast(Image, hat), white)
 
 

@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pinhole camera with lens distortion, as sensor_msgs/CameraInfo describes it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -91,6 +93,31 @@ class Camera:
         projected, _ = cv2.projectPoints(points, zero, zero, self.K, self.distortion)
         return np.asarray(projected, dtype=np.float64).reshape(-1, 2)
 
+    def ray_slopes(self, rays: Floats, along: Literal['u', 'v']) -> Floats:
+        """
+        Return how rays change per pixel.
+
+        rays : (n, 3) of unit depth, as ``rays`` returns them
+        along : the pixel coordinate that changes, the other stays
+        returns : (n, 3) float64, d(x, y, 1)/du or /dv
+        """
+        x, y = rays[:, 0], rays[:, 1]
+        square = x * x + y * y
+        k1, k2, p1, p2, k3 = self.distortion[:5]
+        radial, slope = _cubic((k1, k2, k3), square)
+        if len(self.distortion) > 5:
+            below, below_slope = _cubic(self.distortion[5:], square)
+            radial = radial / below
+            slope = (slope - radial * below_slope) / below
+        # OpenCV's model, differentiated: the same twice off the diagonal
+        across = 2.0 * (x * y * slope + p1 * x + p2 * y)
+        by_x = radial + 2.0 * (x * x * slope + p1 * y + 3.0 * p2 * x)
+        by_y = radial + 2.0 * (y * y * slope + p2 * x + 3.0 * p1 * y)
+        first, second = (by_y, -across) if along == 'u' else (-across, by_x)
+        focal = self.K[0, 0] if along == 'u' else self.K[1, 1]
+        scale = 1.0 / (focal * (by_x * by_y - across * across))
+        return np.stack([first * scale, second * scale, np.zeros_like(x)], axis=1)
+
     def require_image(self, shape: tuple[int, ...], where: str) -> None:
         """
         Check that a picture has the size that this camera was calibrated at.
@@ -102,6 +129,12 @@ class Camera:
                 f'{where}: the picture is {shape[1]} x {shape[0]}, the camera was calibrated '
                 f'at {self.width} x {self.height}; use pictures and calibration of one camera'
             )
+
+
+def _cubic(k: Sequence[float] | Floats, square: Floats) -> tuple[Floats, Floats]:
+    """Return 1 + k0 s + k1 s^2 + k2 s^3 and its derivative by s."""
+    value = 1.0 + square * (k[0] + square * (k[1] + square * k[2]))
+    return value, k[0] + square * (2.0 * k[1] + 3.0 * square * k[2])
 
 
 def _undistort(pixels: Floats, K: Floats, distortion: Floats) -> Any:

@@ -60,7 +60,7 @@ def noise(pictures: tuple[Path, ...], output: Path, stripe: Stripe, channel: str
     images = [_upright(read_picture(path), stripe) for path in _spread(pictures)]
     colour = channel if channel != 'auto' else channels.unclipped_channel(images)
     greys = [channels.to_grey(image, colour) for image in images]
-    made = estimate_noise(greys, settings, [None] * len(greys))
+    made = estimate_noise(greys, settings)
     save_noise(output, made.noise)
     _say(made, len(images), output)
 

@@ -27,6 +27,7 @@ from ivfmc_ros.stripe.estimators import DEFAULT
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
 from ivfmc_ros.stripe.extract import Stripe
+from ivfmc_ros.stripe.region import Region
 from ivfmc_ros.stripe.region import stripe_mask
 from ivfmc_ros.stripe.texture import coloured
 from ivfmc_ros.stripe.triangulate import triangulate
@@ -90,7 +91,8 @@ class Acquisition:
 
     def __init__(self, cell: Cell, settings: AcquisitionSettings) -> None:
         self.cell = cell
-        self._masks = [stripe_mask(cell, k, settings.volume) for k in range(len(cell.lasers))]
+        masks = (stripe_mask(cell, k, settings.volume) for k in range(len(cell.lasers)))
+        self._regions = [Region.of(mask) for mask in masks]
         self._given = settings
         self.settings = settings
         self.counts = AcquisitionCounts()
@@ -139,7 +141,7 @@ class Acquisition:
 
     def _extract(self, frame: Frame, settings: ExtractSettings) -> Stripe:
         direction = self.cell.lasers[frame.laser].stripe
-        return extract(frame.image, direction, settings, self._masks[frame.laser])
+        return extract(frame.image, direction, settings, self._regions[frame.laser])
 
     def profile(self, frame: Frame, texture: Image | None = None) -> Profile:
         """
@@ -149,23 +151,23 @@ class Acquisition:
         """
         self.require_usable(frame)
         settings = self.settings
-        direction = self.cell.lasers[frame.laser].stripe
-        stripe = extract(frame.image, direction, settings.extract, self._masks[frame.laser])
+        stripe = self._extract(frame, settings.extract)
         whole = triangulate(self.cell, frame, stripe)
-        inside = denoise.keep(whole, settings.volume.contains(whole.points_xyz))
-        clean = denoise.near_neighbours(inside, settings.noise_distance, settings.noise_least)
+        inside = np.flatnonzero(settings.volume.contains(whole.points_xyz))
+        points = whole.points_xyz[inside]
+        clean = denoise.near_neighbours(points, settings.noise_distance, settings.noise_least)
         self.counts.pictures += 1
         self.counts.pictures_without_stripe += not clean.any()
         self.counts.stripe_points += len(stripe)
         self.counts.outside_volume += len(stripe) - len(inside)
         self.counts.noise += int(np.count_nonzero(~clean))
-        profile = denoise.keep(inside, clean)
+        profile = denoise.keep(whole, inside[clean])
         return profile if texture is None else coloured(profile, texture)
 
     def _masked(self, frame: Frame) -> Image:
         """Return what can be stripe, turned so that there is one stripe point a row."""
         self.require_usable(frame)
-        mask = self._masks[frame.laser]
+        mask = self._regions[frame.laser].mask > 0
         image = frame.image * (mask if frame.image.ndim == 2 else mask[..., None])
         by_row = self.cell.lasers[frame.laser].stripe == 'rows'
         return image if by_row else np.swapaxes(image, 0, 1)

@@ -46,9 +46,13 @@ def to_grey(image: Image, channel: str) -> Image:
     """
     if image.ndim == 2:
         return image
-    if channel == 'auto':
-        channel = unclipped_channel([image])
-    return cast(Image, cv2.transform(image, weights_of(channel).reshape(1, 3)))
+    weights = weights_of(resolved(image, channel))
+    return cast(Image, cv2.transform(image, weights.reshape(1, 3)))
+
+
+def resolved(image: Image, channel: str) -> str:
+    """Return the colours that ``channel`` means for this picture, as ``to_grey`` sees it."""
+    return unclipped_channel([image]) if channel == 'auto' else channel
 
 
 def unclipped_channel(images: Iterable[Image]) -> str:

@@ -10,9 +10,7 @@ the stripe decides, and the place of the chosen one is estimated from the pixels
 from collections.abc import Iterator
 from dataclasses import fields
 from dataclasses import replace
-from typing import cast
 
-import cv2
 import numpy as np
 
 from ivfmc_ros.cell.laser import Stripe as Direction
@@ -22,15 +20,16 @@ from ivfmc_ros.model import Image
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
 from ivfmc_ros.stripe import along
-from ivfmc_ros.stripe import channel
 from ivfmc_ros.stripe import path
 from ivfmc_ros.stripe import peaks
 from ivfmc_ros.stripe import trust
 from ivfmc_ros.stripe.estimators import DEFAULT
 from ivfmc_ros.stripe.estimators import METHODS
 from ivfmc_ros.stripe.noise import Noise
+from ivfmc_ros.stripe.part import Part
 from ivfmc_ros.stripe.patches import Estimate
 from ivfmc_ros.stripe.patches import Patches
+from ivfmc_ros.stripe.region import Region
 from ivfmc_ros.stripe.settings import ExtractSettings
 from ivfmc_ros.stripe.stripe import Stripe
 
@@ -42,6 +41,8 @@ _LOOK = 4.0
 _LOOK_AGAIN = 7.0
 # Rows whose stripe is wider than this many medians are measured apart, in a wider patch.
 _USUAL = 1.4
+# ... if that saves so many pixels: estimating twice costs the time of as many.
+_APART = 15_000
 # A rough width of more than so many of its neighbours' is not believed.
 _MERGED = 1.3
 # What is left of a row without its stripe must be less than this share of the stripe.
@@ -54,36 +55,19 @@ def extract(
     image: Image,
     stripe: Direction = 'rows',
     settings: ExtractSettings | None = None,
-    mask: Bools | None = None,
+    region: Region | None = None,
 ) -> Stripe:
     """
     Find the stripe in a picture.
 
     image : (h, w) mono or (h, w, 3) BGR, uint8 or uint16
     stripe : 'rows' for one point in every row, 'columns' for one in every column
-    mask : (h, w) bool, where the stripe can be; None for everywhere
+    region : where the stripe can be; None for everywhere
     returns : without rows that have no stripe, or one that the picture's border cuts
     """
     settings = settings or ExtractSettings()
-    if stripe == 'columns':
-        image = cast(Image, cv2.transpose(image))
-        mask = None if mask is None else np.ascontiguousarray(mask.T)
-    grey = channel.to_grey(image, settings.channel)
-    found = _extract_rows(grey, settings, mask)
-    return _swapped(found) if stripe == 'columns' else found
-
-
-def _swapped(stripe: Stripe) -> Stripe:
-    return Stripe(
-        uv=np.ascontiguousarray(stripe.uv[:, ::-1]),
-        intensity=stripe.intensity,
-        width=stripe.width,
-        sigma=stripe.sigma,
-    )
-
-
-def _extract_rows(grey: Image, settings: ExtractSettings, mask: Bools | None) -> Stripe:
-    rows, u, estimate = _estimates(grey, settings, mask)
+    part = Part.of(image, stripe, settings, region)
+    rows, u, estimate = _estimates(part, settings)
     sigma = estimate.sigma
     kept = sigma <= settings.max_error
     if len(rows):
@@ -93,8 +77,9 @@ def _extract_rows(grey: Image, settings: ExtractSettings, mask: Bools | None) ->
         kept &= sigma <= settings.max_doubt * estimate.width
     if settings.along and len(rows):
         u, sigma = along.smooth(rows, u, sigma, settings.along)
+    u, rows = u + part.first[1], rows + part.first[0]
     found = Stripe(
-        uv=np.stack([u, rows], axis=1),
+        uv=np.stack([u, rows] if stripe == 'rows' else [rows, u], axis=1),
         intensity=estimate.height,
         width=estimate.width,
         sigma=sigma,
@@ -102,13 +87,11 @@ def _extract_rows(grey: Image, settings: ExtractSettings, mask: Bools | None) ->
     return found[kept]
 
 
-def _estimates(
-    grey: Image, settings: ExtractSettings, mask: Bools | None
-) -> tuple[Ints, Floats, Estimate]:
-    """Return rows (ascending), columns and estimates of all that is a stripe."""
+def _estimates(part: Part, settings: ExtractSettings) -> tuple[Ints, Floats, Estimate]:
+    """Return rows (ascending), columns and estimates of all in the part that is a stripe."""
     parts = [
-        _estimate(rows, patches, grey.shape[1], settings)
-        for rows, patches in stripe_patches(grey, settings, mask)
+        _estimate(rows, patches, part, settings)
+        for rows, patches in stripe_patches(part, settings)
     ]
     if not parts:
         none = np.zeros(0)
@@ -117,11 +100,11 @@ def _estimates(
         return parts[0]
     rows, u = (np.concatenate(arrays) for arrays in list(zip(*parts, strict=True))[:2])
     order = np.argsort(rows)
-    return rows[order], u[order], Estimate.joined([part[2] for part in parts])[order]
+    return rows[order], u[order], Estimate.joined([found[2] for found in parts])[order]
 
 
 def _estimate(
-    rows: Ints, patches: Patches, columns: int, settings: ExtractSettings
+    rows: Ints, patches: Patches, part: Part, settings: ExtractSettings
 ) -> tuple[Ints, Floats, Estimate]:
     method = DEFAULT if settings.method == 'auto' else settings.method
     estimate = METHODS[method](patches, settings.noise or Noise())
@@ -129,39 +112,37 @@ def _estimate(
     # a stripe that the picture's border cuts is measured off its centre
     half = _WHOLE * estimate.width
     good = _is_stripe(patches, estimate, settings)
-    good &= (u - half >= -0.5) & (u + half <= columns - 0.5)
+    left, right = -part.first[1] - 0.5, part.columns - part.first[1] - 0.5
+    good &= (u - half >= left) & (u + half <= right)
     if good.all():
         return rows, u, estimate
     return rows[good], u[good], estimate[good]
 
 
-def stripe_patches(
-    grey: Image, settings: ExtractSettings, mask: Bools | None
-) -> Iterator[tuple[Ints, Patches]]:
+def stripe_patches(part: Part, settings: ExtractSettings) -> Iterator[tuple[Ints, Patches]]:
     """
     Give the surroundings of the stripe's peak in every row that has one, narrow stripes first.
 
-    grey : (h, w), one stripe point a row; mask : (h, w) bool
-    yields : (n,) rows, and their patches
+    yields : (n,) rows of the part, and their patches
     """
-    scale = 255.0 / np.iinfo(grey.dtype).max
-    noise = scale * peaks.picture_noise(grey) / np.sqrt(settings.smoothing)
+    noise = part.scale * part.noise / np.sqrt(settings.smoothing)
     least = 0.5 * settings.min_contrast * 255.0
     search = peaks.Search(
         box=settings.smoothing,
         threshold=max(least, _LOOK * noise),
         rival=max(least, _LOOK_AGAIN * noise),
         max_sigma=settings.max_sigma,
+        dark=part.scale * part.dark,
     )
-    candidates = peaks.find(grey, scale, search, mask)
+    candidates = peaks.find(part.grey, part.scale, search, part.mask)
     index = path.choose(candidates) if settings.path else path.brightest(candidates)
     rows = np.flatnonzero(index >= 0)
     chosen = _steadied(candidates[rows, index[rows]])
     limits = _valleys(candidates, rows, chosen)
-    for part in _by_width(chosen.width, settings.max_widening):
-        within = None if limits is None else limits[part]
-        cut = Patches.cut(grey, scale, rows[part], chosen[part], settings.window, within)
-        yield rows[part], cut
+    for group in _by_width(chosen.width, settings):
+        within = None if limits is None else limits[group]
+        where = part.grey, part.scale, rows[group]
+        yield rows[group], Patches.cut(*where, chosen[group], settings.window, within)
 
 
 def _steadied(chosen: peaks.Peaks) -> peaks.Peaks:
@@ -187,14 +168,17 @@ def _valleys(candidates: peaks.Peaks, rows: Ints, chosen: peaks.Peaks) -> Floats
     return limits
 
 
-def _by_width(width: Singles, max_widening: float) -> list[Ints]:
-    """Sort peaks into usual and wide ones, so that few wide ones do not cost all a wide patch."""
+def _by_width(width: Singles, settings: ExtractSettings) -> list[Ints]:
+    """Sort peaks into usual and wide ones, where a few wide ones cost all a wide patch."""
     if not len(width):
         return []
     usual = np.partition(width, len(width) // 2)[len(width) // 2]
-    wide = width > _USUAL * usual
-    groups = [np.flatnonzero(~wide), np.flatnonzero(wide & (width <= max_widening * usual))]
-    return [group for group in groups if len(group)]
+    possible = width <= settings.max_widening * usual
+    narrow = width <= _USUAL * usual
+    extra = width[possible].max() - width[narrow].max()
+    if 2.0 * settings.window * extra * np.count_nonzero(narrow) <= _APART:
+        return [np.flatnonzero(possible)]
+    return [np.flatnonzero(narrow), np.flatnonzero(possible & ~narrow)]
 
 
 def _is_stripe(patches: Patches, estimate: Estimate, settings: ExtractSettings) -> Bools:

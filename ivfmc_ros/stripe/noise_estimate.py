@@ -17,7 +17,6 @@ import numpy as np
 from scipy.optimize import nnls
 
 from ivfmc_ros.errors import CalibrationError
-from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Image
 from ivfmc_ros.model import Ints
@@ -25,6 +24,7 @@ from ivfmc_ros.stripe.extract import stripe_patches
 from ivfmc_ros.stripe.gaussian import Residuals
 from ivfmc_ros.stripe.gaussian import residuals
 from ivfmc_ros.stripe.noise import Noise
+from ivfmc_ros.stripe.part import Part
 from ivfmc_ros.stripe.settings import ExtractSettings
 
 _ROUNDS = 4
@@ -59,21 +59,18 @@ class NoiseEstimate:
     pixels: int
 
 
-def estimate_noise(
-    greys: Sequence[Image], settings: ExtractSettings, masks: Sequence[Bools | None]
-) -> NoiseEstimate:
+def estimate_noise(greys: Sequence[Image], settings: ExtractSettings) -> NoiseEstimate:
     """
     Estimate the noise of a camera from pictures that show the stripe.
 
     greys : (h, w) each, one stripe point a row
-    masks : (h, w) bool each, where the stripe may be, or None
 
     :raises CalibrationError: the pictures show too little of a stripe
     """
     patches = [
-        part
-        for grey, mask in zip(greys, masks, strict=True)
-        for _, part in stripe_patches(grey, settings, mask)
+        patches
+        for grey in greys
+        for _, patches in stripe_patches(Part.of(grey, 'rows', settings), settings)
     ]
     noise = Noise()
     for _ in range(_ROUNDS):

@@ -49,8 +49,10 @@ def choose(peaks: Peaks) -> Ints:
         return chosen
     rows = _around(rivals, chosen >= 0)
     local = peaks[rows]
-    single = np.where(rivals[:, None], np.nan, peaks.width)
-    expected = np.nanmedian(single if np.isfinite(single).sum() >= _ENOUGH else peaks.width[:, :1])
+    width = peaks.width[:, 0]
+    single = width[found[:, 0] & ~rivals]
+    widths = single if len(single) >= _ENOUGH else width[found[:, 0]]
+    expected = np.partition(widths, len(widths) // 2)[len(widths) // 2]
     unary = _unary(local, float(expected))
     pairs = _pairs(local, rows) + unary.T[None, :, 1:]
     forward = _forward(unary[0], pairs)

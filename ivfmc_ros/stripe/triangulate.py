@@ -26,13 +26,16 @@ def triangulate(cell: Cell, frame: Frame, stripe: Stripe) -> Profile:
     returns : Profile in ``turntable``, without the pixels whose ray misses the sheet
     """
     laser = cell.lasers[frame.laser]
-    points = laser.intersect(cell.camera.rays(stripe.uv))
+    rays = cell.camera.rays(stripe.uv)
+    points = laser.intersect(rays)
     seen = np.isfinite(points[:, 0])
-    stripe, points = stripe[seen], points[seen]
+    if not seen.all():
+        stripe, rays, points = stripe[seen], rays[seen], points[seen]
+    slopes = sensitivity(cell, laser, rays)
     return Profile(
         points_xyz=cell.turntable.to_part(points, frame.angle),
         intensity=stripe.intensity,
-        sigma=stripe.sigma * np.linalg.norm(sensitivity(cell, laser, stripe.uv), axis=1),
+        sigma=stripe.sigma * np.sqrt((slopes * slopes).sum(axis=1)),
         uv=stripe.uv,
         angle=frame.angle,
         laser=frame.laser,
@@ -43,14 +46,13 @@ def triangulate(cell: Cell, frame: Frame, stripe: Stripe) -> Profile:
     )
 
 
-def sensitivity(cell: Cell, laser: LaserPlane, uv: Floats) -> Floats:
+def sensitivity(cell: Cell, laser: LaserPlane, rays: Floats) -> Floats:
     """
     Return dX/du, (n, 3) metres per pixel in ``camera_optical_frame``.
 
+    rays : (n, 3) of unit depth, to the points
     u is the direction in which the stripe is measured: along a row for 'rows', along a column
     for 'columns'.
     """
-    step = np.array([_STEP, 0.0] if laser.stripe == 'rows' else [0.0, _STEP])
-    ahead = laser.intersect(cell.camera.rays(uv + step))
-    behind = laser.intersect(cell.camera.rays(uv - step))
-    return np.asarray((ahead - behind) / (2.0 * _STEP))
+    step = _STEP * cell.camera.ray_slopes(rays, 'u' if laser.stripe == 'rows' else 'v')
+    return np.asarray((laser.intersect(rays + step) - laser.intersect(rays - step)) / (2 * _STEP))

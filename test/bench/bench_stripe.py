@@ -24,6 +24,7 @@ from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
 from ivfmc_ros.stripe.noise import Noise
+from ivfmc_ros.stripe.region import Region
 from ivfmc_ros.stripe.region import stripe_mask
 from ivfmc_ros.stripe.space_time import refine
 from ivfmc_ros.stripe.triangulate import triangulate
@@ -197,14 +198,14 @@ def reference():
 
 def corners():
     """Rows with the right stripe in corners of shiny metal."""
-    mask = stripe_mask(ghosts.CELL, ghosts.LASER, Volume())
-    yield from _right('metal corners', [ghosts.corner(*c, seed=k) for k, c in _CORNERS], mask)
+    region = Region.of(stripe_mask(ghosts.CELL, ghosts.LASER, Volume()))
+    yield from _right('metal corners', [ghosts.corner(*c, seed=k) for k, c in _CORNERS], region)
 
 
 def walls():
     """Rows with the right stripe on a dim part before a bright wall."""
-    mask = stripe_mask(ghosts.CELL, ghosts.LASER, Volume())
-    yield from _right('background wall', [ghosts.behind_part(220.0, k) for k in range(4)], mask)
+    region = Region.of(stripe_mask(ghosts.CELL, ghosts.LASER, Volume()))
+    yield from _right('background wall', [ghosts.behind_part(220.0, k) for k in range(4)], region)
 
 
 # opening, turn (radians), edge on the platter (metres), tilt of the edge (radians)
@@ -222,7 +223,7 @@ _CORNERS = list(
 )
 
 
-def _right(name, pictures, mask):
+def _right(name, pictures, region):
     """Yield the shares of rows with the right stripe, pooled."""
     truth = np.concatenate([picture.truth for picture in pictures])
     choices = {
@@ -233,7 +234,7 @@ def _right(name, pictures, mask):
     for choice, settings in choices.items():
         found = np.full(len(truth), np.nan)
         for number, picture in enumerate(pictures):
-            stripe = extract(picture.image, settings=settings, mask=mask)
+            stripe = extract(picture.image, settings=settings, region=region)
             rows = stripe.uv[:, 1].astype(int) + number * len(picture.truth)
             found[rows] = stripe.uv[:, 0]
         share = ghosts.right_rows(np.arange(len(truth)), found, truth)

@@ -38,6 +38,16 @@ def test_rays_are_the_inverse_of_project(name):
 
 
 @pytest.mark.parametrize('name', DISTORTIONS)
+@pytest.mark.parametrize(('along', 'step'), [('u', (1e-3, 0.0)), ('v', (0.0, 1e-3))])
+def test_slopes_are_the_derivative_of_rays(name, along, step):
+    camera = camera_with(name)
+    uv = all_over(camera)
+    ahead, behind = camera.rays(uv + step), camera.rays(uv - np.array(step))
+    slopes = camera.ray_slopes(camera.rays(uv), along)
+    assert np.abs(slopes - (ahead - behind) / 2e-3).max() < 1e-6 * np.abs(slopes).max()
+
+
+@pytest.mark.parametrize('name', DISTORTIONS)
 def test_point_is_seen_in_one_pixel_at_every_depth(name):
     camera = camera_with(name)
     rays = camera.rays(all_over(camera))

@@ -7,34 +7,34 @@ from ivfmc_ros.stripe import denoise
 
 
 def chain(*gaps_mm):
-    """A profile along x with these gaps."""
+    """Points along x with these gaps."""
     x = np.concatenate([[0.0], np.cumsum(gaps_mm)]) * 1e-3
-    return make_profile(np.stack([x, 0 * x, 0 * x], axis=1))
+    return np.stack([x, 0 * x, 0 * x], axis=1)
 
 
 def test_piece_that_is_too_small_is_noise():
-    profile = chain(0.3, 0.3, 0.3, 5.0, 0.3, 5.0, 0.3, 0.3, 0.3)
-    kept = denoise.near_neighbours(profile, 2e-3, least=3)
+    points = chain(0.3, 0.3, 0.3, 5.0, 0.3, 5.0, 0.3, 0.3, 0.3)
+    kept = denoise.near_neighbours(points, 2e-3, least=3)
     assert kept.tolist() == [True] * 4 + [False] * 2 + [True] * 4
 
 
 def test_least_is_enough():
-    profile = chain(0.3, 5.0, 0.3, 0.3)
-    assert denoise.near_neighbours(profile, 2e-3, least=2).all()
-    assert denoise.near_neighbours(profile, 2e-3, least=3).tolist() == [False] * 2 + [True] * 3
-    assert not denoise.near_neighbours(profile, 2e-3, least=4).any()
+    points = chain(0.3, 5.0, 0.3, 0.3)
+    assert denoise.near_neighbours(points, 2e-3, least=2).all()
+    assert denoise.near_neighbours(points, 2e-3, least=3).tolist() == [False] * 2 + [True] * 3
+    assert not denoise.near_neighbours(points, 2e-3, least=4).any()
 
 
 def test_threshold_divides():
-    profile = chain(1.9, 2.1, 1.9)
-    assert not denoise.near_neighbours(profile, 2e-3, least=3).any()
-    assert denoise.near_neighbours(profile, 2.2e-3, least=3).all()
+    points = chain(1.9, 2.1, 1.9)
+    assert not denoise.near_neighbours(points, 2e-3, least=3).any()
+    assert denoise.near_neighbours(points, 2.2e-3, least=3).all()
 
 
 def test_distance_is_measured_in_space():
     # 1.5 mm along each axis is 2.6 mm
     points = np.arange(5)[:, None] * np.full(3, 1.5e-3)
-    assert not denoise.near_neighbours(make_profile(points), 2e-3, least=2).any()
+    assert not denoise.near_neighbours(points, 2e-3, least=2).any()
 
 
 def test_single_point_is_noise():
@@ -43,7 +43,7 @@ def test_single_point_is_noise():
 
 def test_empty_profile_stays_empty():
     profile = make_profile(np.empty((0, 3)))
-    kept = denoise.near_neighbours(profile, 2e-3)
+    kept = denoise.near_neighbours(profile.points_xyz, 2e-3)
     assert kept.tolist() == []
     assert len(denoise.keep(profile, kept)) == 0
 

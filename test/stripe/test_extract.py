@@ -9,6 +9,7 @@ from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
 from ivfmc_ros.stripe.noise import Noise
+from ivfmc_ros.stripe.region import Region
 
 ROWS, COLUMNS = 1000, 160
 FIELDS = ('uv', 'intensity', 'width', 'sigma')
@@ -91,9 +92,9 @@ def test_columns_are_rows_of_the_turned_picture(colour):
         image = np.stack([image // 2, image, image // 3], axis=2)
     mask = np.ones(image.shape[:2], dtype=bool)
     mask[50:60] = False
-    by_row = extract(image, 'rows', mask=mask)
+    by_row = extract(image, 'rows', region=Region.of(mask))
     turned = np.ascontiguousarray(np.swapaxes(image, 0, 1))
-    by_column = extract(turned, 'columns', mask=mask.T)
+    by_column = extract(turned, 'columns', region=Region.of(mask.T))
     assert len(by_row) == 190
     assert np.array_equal(by_column.uv, by_row.uv[:, ::-1])
     for name in FIELDS[1:]:
@@ -117,12 +118,24 @@ def test_mask_hides_the_brighter_stripe():
     mask = np.zeros(image.shape, dtype=bool)
     mask[:, 70:90] = True
     assert np.abs(extract(image).uv[:, 0] - 30.0).max() < 0.1
-    assert np.abs(extract(image, mask=mask).uv[:, 0] - phases()).max() < 0.1
+    assert np.abs(extract(image, region=Region.of(mask)).uv[:, 0] - phases()).max() < 0.1
+
+
+@pytest.mark.parametrize('left', [0, 25, 45, 70])
+def test_what_lies_outside_of_the_region_changes_nothing(left):
+    # wherever the region begins, its surroundings are those of the picture
+    image = picture(phases(), 4.0, np.random.default_rng(7), speckle=0.15)
+    mask = np.zeros(image.shape, dtype=bool)
+    mask[100:900, left:100] = True
+    whole, cut = extract(image), extract(image, region=Region.of(mask))
+    inside = (whole.uv[:, 1] >= 100) & (whole.uv[:, 1] < 900)
+    assert np.array_equal(cut.uv[:, 1], whole.uv[inside, 1])
+    assert np.abs(cut.uv - whole.uv[inside]).max() < 1e-4
 
 
 def test_mask_of_nothing_finds_nothing():
     image = picture(phases(50))
-    assert len(extract(image, mask=np.zeros(image.shape, dtype=bool))) == 0
+    assert len(extract(image, region=Region.of(np.zeros(image.shape, dtype=bool)))) == 0
 
 
 def test_dim_rows_are_not_found():

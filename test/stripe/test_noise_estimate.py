@@ -21,7 +21,7 @@ def pictures(speckle, peaks=(60.0, 120.0, 180.0)):
 
 @pytest.mark.parametrize('speckle', [0.0, 0.1, 0.15])
 def test_noise_of_the_camera_is_found(speckle):
-    made = estimate_noise(pictures(speckle), ExtractSettings(), [None] * 3)
+    made = estimate_noise(pictures(speckle), ExtractSettings())
     truth = Noise(speckle=speckle)
     assert made.noise.speckle == pytest.approx(speckle, abs=0.02)
     # shot noise and read noise are hard to tell apart; what counts is the variance
@@ -33,10 +33,10 @@ def test_noise_of_the_camera_is_found(speckle):
 
 def test_stripe_that_is_no_bell_is_told():
     flat = [np.minimum(image, 90) for image in pictures(0.05)]
-    assert estimate_noise(flat, ExtractSettings(), [None] * 3).shape > 0.03
+    assert estimate_noise(flat, ExtractSettings()).shape > 0.03
 
 
 def test_dark_pictures_are_refused():
     dark = [np.full(SHAPE, 6, dtype=np.uint8)] * 2
     with pytest.raises(CalibrationError, match=r'^noise: 0 pixels of a stripe in 2 pictures'):
-        estimate_noise(dark, ExtractSettings(), [None] * 2)
+        estimate_noise(dark, ExtractSettings())

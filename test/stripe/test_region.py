@@ -7,6 +7,7 @@ from synthetic import small_cell
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.volume import Volume
+from ivfmc_ros.stripe.region import Region
 from ivfmc_ros.stripe.region import stripe_mask
 
 VOLUME = Volume(radius=0.03, bottom=0.01, top=0.07)
@@ -47,3 +48,19 @@ def test_little_more_than_the_volume_is_looked_at():
 def test_volume_that_the_sheet_does_not_cross_is_all_masked():
     high = Volume(radius=0.01, bottom=5.0, top=6.0)
     assert not stripe_mask(small_cell(), 0, high).any()
+
+
+@pytest.mark.parametrize(
+    ('direction', 'reach', 'rows', 'columns'),
+    [
+        ('rows', 5, (20, 31), (35, 56)),
+        ('rows', 50, (20, 31), (0, 80)),
+        ('columns', 5, (15, 36), (40, 51)),
+        ('columns', 25, (0, 50), (40, 51)),
+    ],
+)
+def test_window_holds_the_region_and_its_surroundings_across(direction, reach, rows, columns):
+    mask = np.zeros((50, 80), dtype=bool)
+    mask[[20, 25, 30], [40, 45, 50]] = True
+    window = Region.of(mask).window(direction, reach)
+    assert window == (slice(*rows), slice(*columns))

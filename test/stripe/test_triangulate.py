@@ -121,7 +121,7 @@ def test_sensitivity_is_the_derivative_of_the_geometry(direction, bow):
     step = 1e-3 * np.array([1.0, 0.0] if direction == 'rows' else [0.0, 1.0])
     ahead, behind = (laser.intersect(camera.rays(uv + s)) for s in (step, -step))
     expected = (ahead - behind) / 2e-3
-    found = sensitivity(cell, laser, uv)
+    found = sensitivity(cell, laser, camera.rays(uv))
     assert np.isfinite(found).all()
     assert np.abs(found - expected).max() < 1e-4 * np.abs(expected).max()
     if not bow:
