@@ -29,7 +29,7 @@ _Built = TypeVar('_Built')
 _VERSION = 1
 _NOTES = ('temperature_c', 'exposure', 'focus', 'board')
 _TOP = ('version', 'camera_frame', 'turntable', 'lasers', 'created', *_NOTES)
-_LASER = ('name', 'plane', 'residual_rms', 'stripe', 'bow', 'covariance', 'volume')
+_LASER = ('name', 'plane', 'residual_rms', 'stripe', 'bow', 'covariance', 'volume', 'thickness')
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -187,6 +187,7 @@ def _read_laser(fields: Fields) -> LaserPlane:
             bow=_read_bow(fields.mapping('bow')) if fields.has('bow') else None,
             covariance=_optional(fields, 'covariance', 4, 4),
             volume=_optional(fields, 'volume', 2, 3),
+            thickness=fields.number('thickness') if fields.has('thickness') else 0.0,
         ),
     )
 
@@ -244,4 +245,6 @@ def _laser_document(laser: LaserPlane) -> dict[str, Any]:
         values = getattr(laser, key)
         if values is not None:
             document[key] = values.ravel().tolist()
+    if laser.thickness:
+        document['thickness'] = float(laser.thickness)
     return document

@@ -12,6 +12,8 @@ from ivfmc_ros.model import Floats
 
 # Below this the camera looks along the sheet and a stripe says nothing about depth.
 MIN_CAMERA_DISTANCE = 1e-3
+# 1 sigma of a sheet that is thicker makes no stripe.
+MOST_THICKNESS = 0.01  # metres
 # Six decimals in a file are enough for a unit vector.
 _UNIT = 1e-6
 
@@ -47,6 +49,7 @@ class LaserPlane:
     residual_rms : metres, of the calibration
     covariance : (4, 4) of (nx, ny, nz, d), or None
     volume : (2, 3) metres, least and greatest X, Y, Z of the calibration's points, or None
+    thickness : metres, 1 sigma of the sheet across its plane at the part; 0 where not known
     """
 
     name: str
@@ -57,8 +60,14 @@ class LaserPlane:
     bow: Bow | None = None
     covariance: Floats | None = None
     volume: Floats | None = None
+    thickness: float = 0.0
 
     def __post_init__(self) -> None:
+        if not 0.0 <= self.thickness < MOST_THICKNESS:
+            raise CellError(
+                f'thickness: {self.thickness} m is out of range; '
+                f'it must be 0 to {MOST_THICKNESS} m'
+            )
         if not abs(float(np.linalg.norm(self.normal)) - 1.0) <= _UNIT:
             raise CellError('plane: the normal (first three numbers) must have length 1')
         if not np.isfinite(self.offset):

@@ -21,6 +21,8 @@ from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.nodes import environment
 from ivfmc_ros.simulation.bench import bench_cell
+from ivfmc_ros.simulation.optics import Optics
+from ivfmc_ros.simulation.optics import with_thickness
 
 NODES = (
     'turntable',
@@ -81,7 +83,7 @@ def write_bench(folder: Path) -> tuple[Path, Path]:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FileError(f'{folder}: cannot be made: {error.strerror or error}') from error
-    cell = bench_cell()
+    cell = with_thickness(bench_cell(), Optics())
     save_cell(folder / 'cell.yaml', cell)
     save_camera(folder / 'camera.yaml', cell.camera)
     return folder / 'cell.yaml', folder / 'camera.yaml'

@@ -19,6 +19,7 @@ from ivfmc_ros.pipeline import reconstruct
 from ivfmc_ros.results import write_results
 from ivfmc_ros.simulation.bench import bench_cell
 from ivfmc_ros.simulation.optics import Optics
+from ivfmc_ros.simulation.optics import with_thickness
 from ivfmc_ros.simulation.parts import demo_part
 from ivfmc_ros.simulation.recording import record_scan
 from ivfmc_ros.simulation.render import simulate_scan
@@ -37,9 +38,10 @@ def run_offline(output: Path, steps: int, speckle: float, seed: int, **options: 
     """
     settings = settings_of({**options, 'bottom': max(options['bottom'], 0.5)})
     files.require_new_folder(output)
-    cell, part = bench_cell(), demo_part()
+    optics, part = Optics(speckle=speckle), demo_part()
+    cell = with_thickness(bench_cell(), optics)
     total = steps * len(cell.lasers)
-    frames = simulate_scan(cell, part, steps, optics=Optics(speckle=speckle), seed=seed)
+    frames = simulate_scan(cell, part, steps, optics=optics, seed=seed)
     with files.whole_folder(output) as folder:
         save_cell(folder / 'cell.yaml', cell)
         save_camera(folder / 'camera.yaml', cell.camera)

@@ -13,6 +13,8 @@ import numpy as np
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.meshing.thickness import inward
+from ivfmc_ros.meshing.thickness import Light
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
@@ -67,6 +69,7 @@ class RangeGrid:
     error : unit vectors along which a point errs, likewise, or None: along the sight
     sigma, intensity : (rows, columns)
     closed : the last column neighbours the first
+    thickness : metres, 1 sigma of the sheet of light; 0 where not known
     """
 
     points_xyz: Floats
@@ -75,6 +78,7 @@ class RangeGrid:
     intensity: Floats
     error: Floats | None = None
     closed: bool = False
+    thickness: float = 0.0
 
 
 def range_grid(cell: Cell, view: View, turntable_from_view: Floats) -> RangeGrid:
@@ -95,6 +99,7 @@ def range_grid(cell: Cell, view: View, turntable_from_view: Floats) -> RangeGrid
         intensity=view.intensity,
         error=error @ R.T,
         closed=closes(view),
+        thickness=cell.lasers[view.laser].thickness,
     )
 
 
@@ -167,9 +172,10 @@ def merge(parts: Iterable[Samples]) -> Samples:
 
 def from_grid(grid: RangeGrid, reach: float | None, voxel: float) -> Samples:
     """Return the points of a grid that have neighbours both ways, and some between columns."""
-    points = grid.points_xyz
     down, right = _links(grid, 0, reach), _links(grid, 1, reach)
     normals = _normals(grid, down, right)
+    grid = _outward(grid, normals, right)
+    points = grid.points_xyz
     with np.errstate(invalid='ignore'):
         known = np.isfinite(normals[..., 0])
     weight = _weights(grid, normals)
@@ -184,6 +190,16 @@ def from_grid(grid: RangeGrid, reach: float | None, voxel: float) -> Samples:
         intensity=grid.intensity[known],
     )
     return merge([whole, *_between(grid, normals, weight, ends)])
+
+
+def _outward(grid: RangeGrid, normals: Floats, right: Bools) -> RangeGrid:
+    """Return the grid with its points on curved surfaces where a thin sheet would have them."""
+    if grid.error is None or not grid.thickness:
+        return grid
+    light = Light(sight=grid.sight, error=grid.error, thickness=grid.thickness)
+    known = np.nan_to_num(normals)
+    off = inward(grid.points_xyz, normals, right, light)
+    return replace(grid, points_xyz=grid.points_xyz + off[..., None] * known)
 
 
 def spacings(grid_points: Floats) -> tuple[float, float]:

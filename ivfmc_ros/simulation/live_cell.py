@@ -29,6 +29,7 @@ from ivfmc_ros.simulation.live_folder import LiveDescription
 from ivfmc_ros.simulation.live_folder import LiveFolder
 from ivfmc_ros.simulation.live_truth import TruthWriter
 from ivfmc_ros.simulation.optics import Optics
+from ivfmc_ros.simulation.optics import with_thickness
 from ivfmc_ros.simulation.parts import demo_part
 from ivfmc_ros.simulation.solids import load_stl
 from ivfmc_ros.simulation.solids import Solid
@@ -161,7 +162,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         signal.signal(number, lambda *_: ending.set())
     try:
         description = LiveDescription(
-            cell=bench_cell(),
+            cell=with_thickness(bench_cell(), Optics()),
             solid=_part(options.part, options.unit),
             optics=Optics(),
             seed=options.seed,

@@ -69,6 +69,14 @@ def sheet_sigma(cell: Cell, laser: LaserPlane, optics: Optics) -> float:
     return float(optics.stripe_sigma * pixel * slant)
 
 
+def with_thickness(cell: Cell, optics: Optics) -> Cell:
+    """Return the cell with the thickness that its sheets have in the simulation."""
+    lasers = tuple(
+        replace(laser, thickness=sheet_sigma(cell, laser, optics)) for laser in cell.lasers
+    )
+    return replace(cell, lasers=lasers)
+
+
 def axis_depth(cell: Cell) -> float:
     """Return the depth in metres at which the camera sees the table's axis best centred."""
     direction, origin = cell.turntable.camera_from_base[:3, 2:].T

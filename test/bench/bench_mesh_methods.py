@@ -32,6 +32,8 @@ from ivfmc_ros.pipeline import reconstruct
 from ivfmc_ros.pipeline import Reconstruction
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.simulation.bench import bench_cell
+from ivfmc_ros.simulation.optics import Optics
+from ivfmc_ros.simulation.optics import with_thickness
 from ivfmc_ros.simulation.parts import box
 from ivfmc_ros.simulation.parts import demo_part
 from ivfmc_ros.simulation.parts import stepped_shaft
@@ -41,7 +43,7 @@ from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 from ivfmc_ros.surface import Surface
 
 STEPS = 200
-CELL = bench_cell()
+CELL = with_thickness(bench_cell(), Optics())
 PARTS = {
     'demo part': demo_part,
     'cube': lambda: box((0.04, 0.04, 0.04)),

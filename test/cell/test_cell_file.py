@@ -83,12 +83,14 @@ def test_time_is_read_quoted_or_not(cell_yaml, text):
 def test_optional_keys_are_read(cell_yaml):
     extra = 'covariance: [' + ', '.join(str(k) for k in range(16)) + ']'
     extra += '\n    volume: [-0.1, -0.1, 0.3, 0.1, 0.1, 0.5]'
+    extra += '\n    thickness: 0.0003'
     path = cell_yaml('stripe: rows', f'stripe: columns\n    {extra}')
     path.write_text(path.read_text() + 'temperature_c: 21.5\nboard: {kind: chessboard}\n')
     draft = load_draft(path)
     assert draft.lasers[0].stripe == 'columns'
     assert draft.lasers[0].covariance[1].tolist() == [4, 5, 6, 7]
     assert draft.lasers[0].volume.tolist() == [[-0.1, -0.1, 0.3], [0.1, 0.1, 0.5]]
+    assert draft.lasers[0].thickness == 0.0003
     assert draft.notes == {'temperature_c': 21.5, 'board': {'kind': 'chessboard'}}
 
 
@@ -107,7 +109,7 @@ def test_cell_comes_back_exactly(tmp_path):
         turntable=replace(cell.turntable, covariance=rng.normal(size=(6, 6)), residual_rms=1e-5),
         lasers=(
             replace(left, bow=bow, covariance=rng.normal(size=(4, 4)), residual_rms=1 / 30000),
-            replace(right, volume=rng.normal(size=(2, 3)), stripe='columns'),
+            replace(right, volume=rng.normal(size=(2, 3)), stripe='columns', thickness=2e-4),
         ),
         camera_frame='eye',
         notes={'board': {'kind': 'charuco', 'square_m': 0.03}, 'temperature_c': 20.5},
@@ -124,6 +126,7 @@ def facts(cell):
     values += [None if cell.turntable.covariance is None else cell.turntable.covariance.tolist()]
     for laser in cell.lasers:
         values += [laser.name, laser.stripe, laser.offset, laser.residual_rms]
+        values.append(laser.thickness)
         arrays = [laser.normal, laser.covariance, laser.volume]
         if laser.bow is not None:
             arrays += [laser.bow.center, laser.bow.along, laser.bow.coefficients]
