@@ -70,6 +70,20 @@ class GeometryError(ScanError):
     code = 'DEGENERATE'
 
 
+class AmbiguousError(GeometryError):
+    """
+    Several poses fit equally well, and none of them is chosen.
+
+    values : stand beside code and detail in the answer, such as poses
+    """
+
+    code = 'AMBIGUOUS'
+
+    def __init__(self, detail: str, **values: object) -> None:
+        super().__init__(detail)
+        self.values = values
+
+
 class DeviceError(ScanError):
     """A camera or motion board does not do what it was told."""
 

@@ -34,6 +34,10 @@ from ivfmc_ros.registration import views as sweeps
 from ivfmc_ros.registration.align import align
 from ivfmc_ros.registration.align import METHODS
 from ivfmc_ros.registration.align import Verdict
+from ivfmc_ros.registration.bodies import Clamping
+from ivfmc_ros.registration.merge import merge
+from ivfmc_ros.registration.merge import Merged
+from ivfmc_ros.registration.merge import require_one_cell
 from ivfmc_ros.registration.motion import Motion
 from ivfmc_ros.registration.motion import refit
 from ivfmc_ros.registration.refine import refine
@@ -101,6 +105,7 @@ class Reconstruction:
     counts : how much of what each stage saw, kept and dropped
     seconds : of each stage
     refined : what the scan told of its cell; None if it was not asked
+    merged : how several scans were brought together; None if it is one
     """
 
     samples: list[tuple[Frame, Profile]]
@@ -113,6 +118,28 @@ class Reconstruction:
     counts: dict[str, int]
     seconds: dict[str, float]
     refined: Refined | None = None
+    merged: Merged | None = None
+
+
+def measure(
+    cell: Cell,
+    frames: Iterable[Frame],
+    settings: Settings,
+    total: int = 0,
+    progress: Progress = silent,
+) -> list[Profile]:
+    """
+    Find the points in the pictures of a scan.
+
+    frames : consumed once, one picture at a time; total : how many, for ``progress``
+    :raises CellError: a picture has another size than the calibration
+    """
+    profiles: list[Profile] = []
+    acquisition = Acquisition(cell, settings.acquisition)
+    for _, profile in _measured(acquisition, frames, Stopwatch()):
+        profiles.append(profile)
+        progress('profiles', len(profiles), max(total, len(profiles)))
+    return profiles
 
 
 def reconstruct(
@@ -207,6 +234,65 @@ def _rebuilt(
         counts=counts,
         seconds=watch.seconds,
         refined=refined,
+    )
+
+
+def clamping_of(
+    name: str, cell: Cell, profiles: Sequence[Profile], settings: Settings
+) -> Clamping:
+    """
+    Return a scan with its views at their places, to be merged with others of the same part.
+
+    name : of the scan, for messages
+    :raises NoStripeError: no profile has a point
+    """
+    _require_stripe(profiles)
+    views, _, _ = views_of(cell, profiles, settings)
+    if settings.refine:
+        refined = refine(cell, views, settings.refine)
+        cell, views = refined.cell, refined.views
+    poses, _ = poses_of(cell, views, settings)
+    return Clamping(name=name, cell=cell, views=views, poses=poses)
+
+
+def join(
+    clampings: Sequence[Clamping], settings: Settings, progress: Progress = silent
+) -> Reconstruction:
+    """
+    Bring several clampings of one part together, and make one mesh, in the frame of the first.
+
+    :raises ParameterError: fewer than two, or of different cells
+    :raises GeometryError: one of them finds no place on the others
+    :raises AmbiguousError: it fits in several ways, or the surface does not hold it
+    """
+    require_one_cell(clampings)
+    watch = Stopwatch()
+    with watch.stage('registration'):
+        progress('registration', 0, 1)
+        merged = merge(clampings)
+    # a part that was seen from below does not end at the platter
+    settings = replace(settings, mesh=replace(settings.mesh, floor=None))
+    with watch.stage('meshing'):
+        progress('meshing', 0, 1)
+        mesh, max_edge = mesh_of(clampings[0].cell, merged.views, merged.poses, settings)
+    progress('done', 1, 1)
+    return Reconstruction(
+        samples=[],
+        views=merged.views,
+        poses=merged.poses,
+        verdicts=[],
+        motions=[],
+        mesh=mesh,
+        settings=replace(settings, max_edge=max_edge),
+        counts={
+            'pictures': sum(len(view.angles) for view in merged.views),
+            'kept_points': sum(int(np.count_nonzero(view.valid)) for view in merged.views),
+            'views': len(merged.views),
+            'vertices': len(mesh.vertices_xyz),
+            'faces': len(mesh.faces),
+        },
+        seconds=watch.seconds,
+        merged=merged,
     )
 
 

@@ -22,6 +22,7 @@ from ivfmc_ros.inspection.scan_page import scan_page
 from ivfmc_ros.meshing import export
 from ivfmc_ros.model import Floats
 from ivfmc_ros.pipeline import Reconstruction
+from ivfmc_ros.registration.merge import Merged
 from ivfmc_ros.registration.refine import Refined
 from ivfmc_ros.stopwatch import Stopwatch
 from ivfmc_ros.surface import Surface
@@ -67,6 +68,8 @@ def write_results(
         if made.refined is not None:
             document['refined'] = refinement(made.refined)
             save_cell(target / 'cell.yaml', made.refined.cell)
+        if made.merged is not None:
+            document['merge'] = merging(made.merged)
         if nominal is not None:
             document['deviation_m'] = compare(points, made.mesh.vertices_xyz, nominal)
         report.write_report(target / 'report.json', document)
@@ -90,6 +93,12 @@ def refinement(refined: Refined) -> dict[str, Any]:
         'misfit_m': {'before': refined.rms_before, 'after': refined.rms_after},
         'unknowns': [asdict(estimate) for estimate in refined.estimates],
     }
+
+
+def merging(merged: Merged) -> list[dict[str, Any]]:
+    """Return where each scan was placed in the frame of the first, and how sure that is."""
+    placed = zip(merged.placings, merged.first_from_clamping.tolist(), strict=True)
+    return [{**asdict(placing), 'first_from_scan': T} for placing, T in placed]
 
 
 def compare(points_xyz: Floats, vertices_xyz: Floats, nominal: Surface) -> dict[str, Any]:

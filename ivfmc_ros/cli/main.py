@@ -15,6 +15,7 @@ from ivfmc_ros.errors import ScanError
 _COMMANDS = {
     'calibrate': 'ivfmc_ros.cli.calibrate:calibrate',
     'demo': 'ivfmc_ros.cli.demo:demo',
+    'merge': 'ivfmc_ros.cli.merge:merge',
     'replay': 'ivfmc_ros.cli.replay:replay',
     'scan': 'ivfmc_ros.cli.scan:scan',
     'scans': 'ivfmc_ros.cli.scans:scans',

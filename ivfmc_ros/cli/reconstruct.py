@@ -19,6 +19,7 @@ from ivfmc_ros.cli.settings import reconstruction_options
 from ivfmc_ros.cli.settings import settings_of
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.model import Profile
 from ivfmc_ros.pipeline import rebuild
 from ivfmc_ros.pipeline import reconstruct as run
 from ivfmc_ros.pipeline import Reconstruction
@@ -26,6 +27,7 @@ from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.results import write_results
 from ivfmc_ros.storage.catalogue import Catalogue
 from ivfmc_ros.storage.scan_bag import read_scan
+from ivfmc_ros.storage.scan_bag import ScanBag
 from ivfmc_ros.storage.stored_scan import stored_profiles
 
 
@@ -92,6 +94,19 @@ def reconstruct(
 def _from_bag(
     bag: Path, cell_path: Path | None, camera_path: Path | None, settings: Settings
 ) -> tuple[Reconstruction, Cell, Mapping[str, int]]:
+    scan, cell = open_bag(bag, cell_path, camera_path)
+    with progress_bars() as progress:
+        made = run(cell, scan.frames(), settings, scan.frame_count, progress)
+    return made, cell, scan.skipped
+
+
+def open_bag(bag: Path, cell_path: Path | None, camera_path: Path | None) -> tuple[ScanBag, Cell]:
+    """
+    Return the pictures of a bag, and the cell that took them.
+
+    cell_path, camera_path : to use instead of what lies beside the bag, and in it
+    :raises ParameterError: there is no cell.yaml
+    """
     path = cell_path or (bag if bag.is_dir() else bag.parent) / 'cell.yaml'
     if cell_path is None and not path.is_file():
         raise ParameterError('--cell cell.yaml is needed: there is none beside the bag')
@@ -99,10 +114,7 @@ def _from_bag(
     camera = None if camera_path is None else load_camera(camera_path)
     names = [laser.name for laser in draft.lasers]
     scan = read_scan(bag, lasers=names, camera=camera)
-    cell = draft.complete(scan.camera, str(path))
-    with progress_bars() as progress:
-        made = run(cell, scan.frames(), settings, scan.frame_count, progress)
-    return made, cell, scan.skipped
+    return scan, draft.complete(scan.camera, str(path))
 
 
 def _from_catalogue(
@@ -112,13 +124,24 @@ def _from_catalogue(
     camera_path: Path | None,
     settings: Settings,
 ) -> tuple[Reconstruction, Cell, Mapping[str, int]]:
+    profiles, cell = retrieve(root, scan_id, cell_path, camera_path)
+    with progress_bars() as progress:
+        return rebuild(cell, profiles, settings, progress), cell, {}
+
+
+def retrieve(
+    root: Path, scan_id: str, cell_path: Path | None = None, camera_path: Path | None = None
+) -> tuple[list[Profile], Cell]:
+    """
+    Return the stored profiles of a scan of the catalogue, and its cell.
+
+    :raises CatalogueError: there is no such scan
+    """
     catalogue = Catalogue(root)
     folder = catalogue.scan(scan_id).folder
     camera = load_camera(camera_path or folder / 'camera.yaml')
     cell = load_cell(cell_path or folder / 'cell.yaml', camera)
-    profiles = list(stored_profiles(catalogue, scan_id))
-    with progress_bars() as progress:
-        return rebuild(cell, profiles, settings, progress), cell, {}
+    return list(stored_profiles(catalogue, scan_id)), cell
 
 
 def say(output: Path, document: Mapping[str, Any]) -> None:
@@ -136,6 +159,11 @@ def say(output: Path, document: Mapping[str, Any]) -> None:
         console.print(
             f'{name} to CAD: rms {figures["rms"] * 1e3:.4f} mm, '
             f'95 % within {figures["p95"] * 1e3:.4f} mm'
+        )
+    for placed in document.get('merge', [])[1:]:
+        console.print(
+            f'{placed["name"]} placed on {", ".join(placed["onto"])}: {placed["overlap"]:.0%} '
+            f'overlap, rms {placed["rms"] * 1e3:.4f} mm, 1 sigma {placed["sigma"] * 1e3:.4f} mm'
         )
     for name in ('mesh.stl', 'mesh.png', 'cloud.png', 'stripes.png', 'report.json'):
         if (output / name).exists():

@@ -10,7 +10,11 @@ the seeds err: table, axis, laser plane, slips. One scan goes through rendered p
 from collections.abc import Iterator
 from collections.abc import Sequence
 from dataclasses import replace
+import time
 
+from clampings import clamped
+from clampings import displacement
+from clampings import lying
 from erring_table import slipping_sweeps
 import numpy as np
 from registration_bunny import apart
@@ -31,8 +35,10 @@ from bench import at_least
 from bench import at_most
 from bench import Number
 from ivfmc_ros.cell import transforms
+from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.registration.align import align
 from ivfmc_ros.registration.joint import pose_values
+from ivfmc_ros.registration.merge import merge
 from ivfmc_ros.registration.prior import TablePrior
 from ivfmc_ros.registration.refine import refine
 from ivfmc_ros.registration.refine import Refined
@@ -59,6 +65,7 @@ def run() -> Iterator[Number]:
     yield from blind_order()
     yield from through_pictures()
     yield from eight_sweeps()
+    yield from clampings()
     yield from bunny()
     yield from exponents()
 
@@ -172,6 +179,31 @@ def eight_sweeps() -> Iterator[Number]:
         title = f'eight sweeps, {name}'
         yield Number(f'{title}: error left, worst', max(shares), '', at_most(0.5), f'{over} above')
         yield Number(f'{title}: error left, median', float(np.median(shares)), '', at_most(0.35))
+
+
+def clampings() -> Iterator[Number]:
+    """The demo part upright, and lying in any way: right within 0.1 mm, or refused."""
+    cell, part = bench_cell(), demo_part()
+    upright = clamped('upright', cell, part, np.eye(4), STEPS)
+    off, refused, seconds = [], 0, []
+    for seed in range(SEEDS):
+        place = lying(part, seed)
+        other = clamped('lying', cell, part, place, STEPS, 100 + seed)
+        begin = time.perf_counter()
+        try:
+            found = merge([upright, other]).first_from_clamping[1]
+        except GeometryError:
+            refused += 1
+        else:
+            off.append(displacement(part, found @ place, np.eye(4)))
+        seconds.append(time.perf_counter() - begin)
+    right = sum(one <= 1e-4 for one in off)
+    wrong = len(off) - right
+    note = f'of {SEEDS} clampings; {refused} refused; {np.median(seconds):.0f} s each'
+    yield Number('merge: right within 0.1 mm', right, '', at_least(0.95 * SEEDS), note)
+    yield Number('merge: wrong and not refused', wrong, '', at_most(0))
+    worst = max((one for one in off if one <= 1e-4), default=np.nan)
+    yield Number('merge: worst of those that are right', 1e3 * worst, 'mm')
 
 
 def bunny() -> Iterator[Number]:

@@ -1,0 +1,136 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A whole clamping as one rigid piece of surface, and from where it was seen."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from dataclasses import replace
+
+import numpy as np
+
+from ivfmc_ros.cell import transforms
+from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.errors import GeometryError
+from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Ints
+from ivfmc_ros.model import Poses
+from ivfmc_ros.model import View
+from ivfmc_ros.registration.patches import fit_patches
+from ivfmc_ros.registration.patches import Patches
+from ivfmc_ros.registration.samples import common_edge
+from ivfmc_ros.registration.samples import sample
+
+_LEAST_PATCHES = 200
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Clamping:
+    """
+    One scan of a part: views at their places, in its own ``turntable``.
+
+    name : for messages; cell : the one that the views were made with
+    """
+
+    name: str
+    cell: Cell
+    views: Sequence[View]
+    poses: Poses
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Body:
+    """
+    The surface of one clamping.
+
+    patches : normals towards the camera; sight : (n, 3) unit, from the patches to the camera
+    """
+
+    name: str
+    patches: Patches
+    sight: Floats
+
+    def __len__(self) -> int:
+        return len(self.patches)
+
+    def moved(self, T: Floats) -> 'Body':
+        """Return the body moved by a rigid (4, 4) matrix."""
+        R = T[:3, :3]
+        patches = replace(
+            self.patches,
+            points_xyz=transforms.apply(T, self.patches.points_xyz),
+            normals=self.patches.normals @ R.T,
+        )
+        return replace(self, patches=patches, sight=self.sight @ R.T)
+
+    def thinned(self, edge: float) -> 'Body':
+        """Return one patch for each cube of ``edge`` metres."""
+        cube = np.floor(self.patches.points_xyz / edge).astype(np.int64)
+        _, first = np.unique(cube, axis=0, return_index=True)
+        return self.chosen(np.sort(first))
+
+    def chosen(self, which: Ints) -> 'Body':
+        """Return some of the patches."""
+        return replace(self, patches=_chosen(self.patches, which), sight=self.sight[which])
+
+
+def bodies_of(clampings: Sequence[Clamping]) -> tuple[list[Body], float]:
+    """
+    Return the surface of each clamping, and how far patches are apart, metres.
+
+    :raises GeometryError: a clamping has too little surface
+    """
+    edge = common_edge([view for clamping in clampings for view in clamping.views])
+    bodies = []
+    for clamping in clampings:
+        body = _body(clamping, edge) if np.isfinite(edge) else None
+        if body is None or len(body) < _LEAST_PATCHES:
+            found = 0 if body is None else len(body)
+            raise GeometryError(
+                f'merge: {clamping.name}: only {found} pieces of surface; {_LEAST_PATCHES} are '
+                'needed to find where it belongs'
+            )
+        bodies.append(body)
+    return bodies, edge
+
+
+def together(bodies: Sequence[Body]) -> Body:
+    """Return several bodies as one."""
+    return Body(
+        name=' and '.join(body.name for body in bodies),
+        patches=_joined([body.patches for body in bodies]),
+        sight=np.concatenate([body.sight for body in bodies]),
+    )
+
+
+def _body(clamping: Clamping, edge: float) -> Body | None:
+    parts = []
+    posed = zip(clamping.views, clamping.poses.turntable_from_view, strict=True)
+    for view, T in posed:
+        thin = sample(view, edge)
+        sight = _sight(clamping.cell, view)
+        # which side was seen is known by the camera: the grid's sense changes beyond the axis
+        thin = replace(thin, outward=thin.means(sight))
+        patches = fit_patches(thin, edge)
+        towards = thin.outward[patches.sample]
+        towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
+        parts.append(Body(name=clamping.name, patches=patches, sight=towards).moved(T))
+    return replace(together(parts), name=clamping.name) if parts else None
+
+
+def _sight(cell: Cell, view: View) -> Floats:
+    """Return (n, 3) metres from the view's valid points to the camera."""
+    eye = cell.turntable.to_part(np.zeros((1, 3)), 0.0)
+    eyes = np.concatenate([eye @ R.T for R in transforms.rotation_z(-view.angles)])
+    return np.asarray((eyes[None] - view.points_xyz)[view.valid])
+
+
+def _chosen(patches: Patches, which: Ints) -> Patches:
+    names = ('points_xyz', 'normals', 'sigma', 'sample', 'members', 'weights')
+    return Patches(**{name: getattr(patches, name)[which] for name in names})
+
+
+def _joined(parts: Sequence[Patches]) -> Patches:
+    names = ('points_xyz', 'normals', 'sigma', 'sample', 'members', 'weights')
+    return Patches(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    )

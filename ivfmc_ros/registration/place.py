@@ -1,0 +1,243 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+One body laid on another without a first guess: the one pose that fits, or none.
+
+Guesses settle, the best are refined; what agrees and what contradicts decides between them. A
+part with a symmetry looks the same in several poses, and no registration can tell which is true:
+these are named, and none is chosen.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ivfmc_ros.cell import transforms
+from ivfmc_ros.errors import AmbiguousError
+from ivfmc_ros.errors import GeometryError
+from ivfmc_ros.model import Floats
+from ivfmc_ros.registration.bodies import Body
+from ivfmc_ros.registration.evidence import Evidence
+from ivfmc_ros.registration.evidence import Skin
+from ivfmc_ros.registration.free import along
+from ivfmc_ros.registration.free import catches
+from ivfmc_ros.registration.free import Freedom
+from ivfmc_ros.registration.free import freedom_of
+from ivfmc_ros.registration.guess import box_corners
+from ivfmc_ros.registration.guess import guess
+from ivfmc_ros.registration.guess import size_of
+from ivfmc_ros.registration.joint import meetings
+from ivfmc_ros.registration.joint import Scene
+from ivfmc_ros.registration.joint import solve_jointly
+from ivfmc_ros.registration.naming import free_motion_in_words
+from ivfmc_ros.registration.naming import motion_in_words
+from ivfmc_ros.registration.settle import settle
+from ivfmc_ros.registration.system import DOF
+
+# So many settled guesses are looked at closely, those with this share of the best overlap.
+_LOOKED_AT, _RIVAL = 12, 0.7
+# They are refined with about so many patches of each body; the last few with all.
+_PATCHES = 6000
+# Less agreement than this fixes nothing.
+_LEAST_AGREE = 0.1
+# As much contradiction, as a share of what agrees, and no pose is right.
+_MOST_AGAINST = 0.1
+# What contradicts counts so many times as much as what agrees.
+_COUNTS = 3.0
+# A pose is refuted where so many sigmas more contradict it than another.
+_REFUTED = 4.0
+# Surfaces within so many robust deviations of the residuals are the same, or within this share of
+# the patches' spacing: next to edges a quadric errs by as much.
+_SAME, _ROUGH = 6.0, 0.08
+# The refinement looks for errors of about this size, metres.
+_LOOSE = 1e-3
+_NAMED = 6
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Placed:
+    """
+    Where a body lies on another.
+
+    pose : (4, 4) onto_from_body; evidence : for and against it
+    scale : metres, robust deviation of the surfaces from each other
+    """
+
+    pose: Floats
+    evidence: Evidence
+    freedom: Freedom
+    scale: float
+
+    @property
+    def score(self) -> float:
+        """What orders poses: what agrees less what contradicts."""
+        return self.evidence.agree - _COUNTS * self.evidence.against
+
+    @property
+    def held(self) -> bool:
+        """The surface leaves no motion open."""
+        return not len(self.freedom.free)
+
+
+def place(body: Body, onto: Body, edge: float) -> Placed:
+    """
+    Return the one pose under which the surfaces agree.
+
+    edge : metres, between patches
+    :raises GeometryError: there is none
+    :raises AmbiguousError: there are several, or the surface does not hold it
+    """
+    guesses = settle(body, onto, guess(body, onto))
+    near = guesses.share > _RIVAL * guesses.share.max(initial=0.0)
+    poses = guesses.poses[near][:_LOOKED_AT]
+    coarse = edge * np.sqrt(max(1.0, max(len(body), len(onto)) / _PATCHES))
+    rough = _Bench(body.thinned(coarse), onto.thinned(coarse), coarse)
+    first = rough.judged(poses, guesses.step / 2)
+    _require_fit(body, onto, first)
+    left = [one for one in first if one.evidence.worse_than(first[0].evidence) < 2.0 * _REFUTED]
+    fine = _Bench(body, onto, edge)
+    last = fine.judged([one.pose for one in left], 2.0 * edge)
+    last = fine.distinct([*last, *fine.caught(last)])
+    _require_fit(body, onto, last)
+    return _only_one(body, onto, [one for one in last if not _refuted(one, last)], edge)
+
+
+class _Bench:
+    """Refines and judges poses of one body on another."""
+
+    def __init__(self, body: Body, onto: Body, edge: float) -> None:
+        self._body, self._onto, self._edge = body, onto, edge
+        self._skins = Skin(body, edge), Skin(onto, edge)
+
+    def judged(self, poses: Sequence[Floats], reach: float) -> list[Placed]:
+        """Return distinct refined poses, the best first."""
+        return self.distinct([self._refined(T, reach) for T in poses])
+
+    def caught(self, found: Sequence[Placed]) -> list[Placed]:
+        """Return where the best that is free to move in one way would catch."""
+        free = [one for one in found if len(one.freedom.free) == 1][:1]
+        poses = [
+            T @ one.pose
+            for one in free
+            for T in catches(
+                self._body.moved(one.pose), self._onto, one.freedom.free[0], self._edge
+            )
+        ]
+        return [self._refined(T, 2.0 * self._edge) for T in poses]
+
+    def distinct(self, every: Sequence[Placed]) -> list[Placed]:
+        """Return the best of those that are about the same, the best first."""
+        corners = box_corners(self._body.patches.points_xyz)
+        found: list[Placed] = []
+        for one in sorted(every, key=lambda each: -each.score):
+            here = transforms.apply(one.pose, corners)
+            away = [np.abs(transforms.apply(other.pose, corners) - here).max() for other in found]
+            if min(away, default=np.inf) > self._edge:
+                found.append(one)
+        return found
+
+    def _refined(self, T: Floats, reach: float) -> Placed:
+        body = self._body.moved(T)
+        scene = Scene(patches=[self._onto.patches, body.patches], slopes=None, edge=self._edge)
+        joint = solve_jointly(scene, loose_root([self._onto, body]), reach)
+        left = [np.abs(pairs.residuals) for pairs in meetings(scene, joint.poses, self._edge)]
+        scale = 1.4826 * float(np.median(np.concatenate(left))) if left else self._edge
+        pose = joint.poses[1] @ T
+        noise = float(np.clip(_SAME * scale, _ROUGH * self._edge, self._edge))
+        return Placed(
+            pose=pose,
+            evidence=self._skins[0].evidence(self._skins[1], pose, noise),
+            freedom=freedom_of(joint, 1, body.moved(joint.poses[1])),
+            scale=scale,
+        )
+
+
+def loose_root(bodies: Sequence[Body]) -> Floats:
+    """Return the prior's root: the first body stays, the others may move by a millimetre."""
+    sigma = np.zeros((len(bodies), DOF))
+    sigma[1:, :3] = 2.0 * _LOOSE / size_of(bodies[0])
+    sigma[1:, 3:] = _LOOSE
+    return np.diag(sigma.ravel())
+
+
+def _require_fit(body: Body, onto: Body, ranked: Sequence[Placed]) -> None:
+    where = f'merge: {body.name} finds no place on {onto.name}'
+    if not ranked or ranked[0].evidence.agree < _LEAST_AGREE:
+        raise GeometryError(f'{where}: they share too little surface')
+    found = ranked[0].evidence
+    if found.against > _MOST_AGAINST * found.agree:
+        raise GeometryError(
+            f'{where}: at best {found.agree:.0%} of the surface agree, and {found.against:.1%} '
+            'contradict; is it the same part?'
+        )
+
+
+def _refuted(one: Placed, others: Sequence[Placed]) -> bool:
+    """Tell whether another pose has as much surface in common, and clearly less against it."""
+    return any(
+        one.evidence.worse_than(other.evidence) > _REFUTED
+        and other.evidence.agree > _RIVAL * one.evidence.agree
+        for other in others
+    )
+
+
+def _only_one(body: Body, onto: Body, left: Sequence[Placed], edge: float) -> Placed:
+    """
+    Return the one of the poses that are not refuted which may be believed.
+
+    :raises AmbiguousError: there is none
+    """
+    held = [one for one in left if one.held]
+    if not held:
+        _refuse_free(body, onto, left[0])
+    best = held[0]
+    rivals = [
+        one
+        for one in left
+        if one is not best
+        and one.evidence.agree > _RIVAL * best.evidence.agree
+        and not _leads_to(one, best, body, edge)
+    ]
+    if rivals:
+        _refuse_rivals(body, onto, [best, *rivals])
+    return best
+
+
+def _leads_to(one: Placed, best: Placed, body: Body, edge: float) -> bool:
+    """
+    Tell whether a pose that is free to move becomes another one when it does.
+
+    Then the other is a place where that motion catches: there surfaces meet that elsewhere have
+    no partner.
+    """
+    if len(one.freedom.free) != 1:
+        return False
+    corners = box_corners(body.patches.points_xyz)
+    there = transforms.apply(best.pose, corners)
+    path = along(one.freedom.free[0], body.moved(one.pose), edge)
+    return any(
+        np.abs(transforms.apply(T @ one.pose, corners) - there).max() < 2.0 * edge for T in path
+    )
+
+
+def _refuse_free(body: Body, onto: Body, best: Placed) -> None:
+    free = [free_motion_in_words(motion) for motion in best.freedom.free]
+    raise AmbiguousError(
+        f'merge: {body.name} on {onto.name}: the surface that both show leaves open '
+        f'{" and ".join(free)}, in coordinates of {onto.name}; a scan is needed that shows '
+        'an edge, a hole or a flat that the other shows too',
+        motions=free,
+    )
+
+
+def _refuse_rivals(body: Body, onto: Body, left: Sequence[Placed]) -> None:
+    best = transforms.invert(left[0].pose)
+    words = [motion_in_words(one.pose @ best) for one in left[1:]]
+    more = f' and {len(words) - _NAMED} more' if len(words) > _NAMED else ''
+    raise AmbiguousError(
+        f'merge: {body.name} fits on {onto.name} in {len(left)} ways, which differ by '
+        f'{"; ".join(words[:_NAMED])}{more}, in coordinates of {onto.name}; mark the part so '
+        'that it has no symmetry, or scan a side that has none',
+        motions=words,
+    )
