@@ -10,7 +10,6 @@ import click
 from ivfmc_ros import files
 from ivfmc_ros.cli.progress import progress_bars
 from ivfmc_ros.cli.reconstruct import open_bag
-from ivfmc_ros.cli.reconstruct import retrieve
 from ivfmc_ros.cli.reconstruct import say
 from ivfmc_ros.cli.settings import reconstruction_options
 from ivfmc_ros.cli.settings import settings_of
@@ -22,6 +21,7 @@ from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.registration.bodies import Clamping
 from ivfmc_ros.registration.merge import require_several
 from ivfmc_ros.results import write_results
+from ivfmc_ros.storage.stored_scan import retrieve
 
 
 @click.command()

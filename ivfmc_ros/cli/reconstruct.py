@@ -12,14 +12,12 @@ from rich.console import Console
 from ivfmc_ros import files
 from ivfmc_ros.cell.camera_file import load_camera
 from ivfmc_ros.cell.cell import Cell
-from ivfmc_ros.cell.cell_file import load_cell
 from ivfmc_ros.cell.cell_file import load_draft
 from ivfmc_ros.cli.progress import progress_bars
 from ivfmc_ros.cli.settings import reconstruction_options
 from ivfmc_ros.cli.settings import settings_of
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
-from ivfmc_ros.model import Profile
 from ivfmc_ros.pipeline import rebuild
 from ivfmc_ros.pipeline import reconstruct as run
 from ivfmc_ros.pipeline import Reconstruction
@@ -28,7 +26,7 @@ from ivfmc_ros.results import write_results
 from ivfmc_ros.storage.catalogue import Catalogue
 from ivfmc_ros.storage.scan_bag import read_scan
 from ivfmc_ros.storage.scan_bag import ScanBag
-from ivfmc_ros.storage.stored_scan import stored_profiles
+from ivfmc_ros.storage.stored_scan import retrieve
 
 
 @click.command()
@@ -127,21 +125,6 @@ def _from_catalogue(
     profiles, cell = retrieve(root, scan_id, cell_path, camera_path)
     with progress_bars() as progress:
         return rebuild(cell, profiles, settings, progress), cell, {}
-
-
-def retrieve(
-    root: Path, scan_id: str, cell_path: Path | None = None, camera_path: Path | None = None
-) -> tuple[list[Profile], Cell]:
-    """
-    Return the stored profiles of a scan of the catalogue, and its cell.
-
-    :raises CatalogueError: there is no such scan
-    """
-    catalogue = Catalogue(root)
-    folder = catalogue.scan(scan_id).folder
-    camera = load_camera(camera_path or folder / 'camera.yaml')
-    cell = load_cell(cell_path or folder / 'cell.yaml', camera)
-    return list(stored_profiles(catalogue, scan_id)), cell
 
 
 def say(output: Path, document: Mapping[str, Any]) -> None:

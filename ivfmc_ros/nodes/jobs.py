@@ -5,6 +5,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ivfmc_ros import pipeline
 from ivfmc_ros.cell.cell import Cell
@@ -18,8 +19,13 @@ from ivfmc_ros.model import Poses
 from ivfmc_ros.model import Profile
 from ivfmc_ros.model import View
 from ivfmc_ros.registration.align import Verdict
+from ivfmc_ros.registration.merge import merge
+from ivfmc_ros.registration.merge import require_one_cell
+from ivfmc_ros.registration.merge import require_several
 from ivfmc_ros.registration.motion import Motion
+from ivfmc_ros.results import merging
 from ivfmc_ros.stopwatch import Stopwatch
+from ivfmc_ros.storage.stored_scan import retrieve
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -71,6 +77,49 @@ def register(cell: Cell, profiles: Sequence[Profile], settings: pipeline.Setting
         verdicts=verdicts,
         motions=motions,
         counts={'profiles': len(profiles), 'views': len(views), **counts},
+        seconds=watch.seconds,
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Joined:
+    """
+    Clampings in the frame of the first.
+
+    placed : of each scan, as the report of a merge has it
+    """
+
+    views: list[View]
+    poses: Poses
+    placed: list[dict[str, Any]]
+    seconds: dict[str, float]
+
+
+def merge_scans(root: str, scan_ids: Sequence[str], settings: pipeline.Settings) -> Joined:
+    """
+    Bring stored scans of one part together.
+
+    root : folder of the scans
+    :raises ParameterError: fewer than two scans, one twice, or of different cells
+    :raises CatalogueError: there is no such scan
+    :raises GeometryError: one of them finds no place on the others
+    :raises AmbiguousError: it fits in several ways
+    """
+    require_several(scan_ids)
+    watch = Stopwatch()
+    clampings = []
+    with watch.stage('retrieval'):
+        stored = [retrieve(Path(root), scan_id) for scan_id in scan_ids]
+    with watch.stage('views'):
+        for scan_id, (profiles, cell) in zip(scan_ids, stored, strict=True):
+            clampings.append(pipeline.clamping_of(scan_id, cell, profiles, settings))
+        require_one_cell(clampings)
+    with watch.stage('registration'):
+        merged = merge(clampings)
+    return Joined(
+        views=merged.views,
+        poses=merged.poses,
+        placed=merging(merged),
         seconds=watch.seconds,
     )
 

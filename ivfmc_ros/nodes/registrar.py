@@ -18,6 +18,7 @@ from sensor_msgs.msg import PointCloud2
 
 from ivfmc_ros.errors import BusyError
 from ivfmc_ros.errors import NoStripeError
+from ivfmc_ros.model import Poses
 from ivfmc_ros.model import Profile
 from ivfmc_ros.model import View
 from ivfmc_ros.nodes import clouds
@@ -28,6 +29,7 @@ from ivfmc_ros.nodes.base import run
 from ivfmc_ros.nodes.cell_source import CellSource
 from ivfmc_ros.nodes.health import Level
 from ivfmc_ros.pipeline import Settings
+from ivfmc_ros.worker import Job
 from ivfmc_ros.worker import Worker
 
 
@@ -37,6 +39,10 @@ class Registrar(CellNode):
     def __init__(self) -> None:
         super().__init__('registrar')
         self.parameter('scan_id', '', 'Name of the scan; another one begins without profiles.')
+        self.parameter(
+            'merge', [], 'Ids of the scans that the service merge brings together.', kind=str
+        )
+        self.parameter('scan_root', 'scans', 'Folder of the scans, for merge.')
         self._settings = self.settings(
             Settings(),
             ranges={'island_least': (1, 1_000_000)},
@@ -54,6 +60,7 @@ class Registrar(CellNode):
         self.subscribe(PointCloud2, 'profile', self._take_profile)
         self.trigger('reset', self._reset)
         self.trigger('register', self._register)
+        self.trigger('merge', self._merge)
         self.trigger('cancel', self._cancel)
 
     def stop(self) -> None:
@@ -84,20 +91,33 @@ class Registrar(CellNode):
             self._worker.kill()
         return {'cancelled': self._busy}
 
-    async def _register(self) -> Mapping[str, Any]:
+    async def _merge(self) -> Mapping[str, Any]:
+        made = await self._work(
+            jobs.merge_scans, self.get('scan_root'), self.get('merge'), self._settings()
+        )
+        self._publish(made.views, made.poses, self.now_ns())
+        return {
+            'scans': made.placed,
+            'views': [_summary(view) for view in made.views],
+            'seconds': made.seconds,
+        }
+
+    async def _work(self, job: Job, *arguments: Any) -> Any:
         if self._busy:
-            raise BusyError('registrar: the views are being registered')
+            raise BusyError('registrar: views are being registered or scans merged')
+        self._busy = True
+        try:
+            return await self.in_thread(self._worker.run, job, *arguments)
+        finally:
+            self._busy = False
+
+    async def _register(self) -> Mapping[str, Any]:
         if not self._profiles:
             topic = self.resolve_topic_name('profile')
             raise NoStripeError(f'registrar: no profile has come on {topic} since the last reset')
         profiles = [self._profiles[seq] for seq in sorted(self._profiles)]
-        cell, settings = self._source.cell(), self._settings()
-        self._busy = True
-        try:
-            made = await self.in_thread(self._worker.run, jobs.register, cell, profiles, settings)
-        finally:
-            self._busy = False
-        self._publish(made)
+        made = await self._work(jobs.register, self._source.cell(), profiles, self._settings())
+        self._publish(made.views, made.poses, self._stamp_ns)
         return {
             'scan_id': self.get('scan_id'),
             'missing_profiles': _missing(self._profiles),
@@ -108,12 +128,12 @@ class Registrar(CellNode):
             'seconds': made.seconds,
         }
 
-    def _publish(self, made: jobs.Registered) -> None:
+    def _publish(self, views: list[View], places: Poses, stamp_ns: int) -> None:
         # one stamp for all, by which the mesher knows what belongs together
-        for view in made.views:
-            self._views.publish(clouds.from_view(view, self._stamp_ns))
-        self._poses.publish(poses.from_poses(made.views, made.poses, self._stamp_ns))
-        self._cloud.publish(clouds.from_views(made.views, made.poses, self._stamp_ns))
+        for view in views:
+            self._views.publish(clouds.from_view(view, stamp_ns))
+        self._poses.publish(poses.from_poses(views, places, stamp_ns))
+        self._cloud.publish(clouds.from_views(views, places, stamp_ns))
 
     def before_diagnosis(self) -> None:
         """Tell what has been collected."""

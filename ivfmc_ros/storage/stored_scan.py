@@ -18,6 +18,9 @@ from mcap.records import Message
 from mcap.stream_reader import breakup_chunk
 from mcap.stream_reader import StreamReader
 
+from ivfmc_ros.cell.camera_file import load_camera
+from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.cell.cell_file import load_cell
 from ivfmc_ros.errors import BagError
 from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.model import Profile
@@ -31,6 +34,24 @@ from ivfmc_ros.storage.live_recorder import PART_NAME
 from ivfmc_ros.storage.point_clouds import to_profile
 
 _RECORD = struct.Struct('<BQ')
+
+
+def retrieve(
+    root: Path, scan_id: str, cell_path: Path | None = None, camera_path: Path | None = None
+) -> tuple[list[Profile], Cell]:
+    """
+    Return the stored profiles of a scan of the catalogue, and its cell.
+
+    cell_path, camera_path : to use instead of those in the folder of the scan
+    :raises CatalogueError: there is no such scan, or it has no profiles
+    :raises BagError: the bag is missing or damaged
+    :raises CellError: the calibration cannot be read
+    """
+    catalogue = Catalogue(root)
+    folder = catalogue.scan(scan_id).folder
+    camera = load_camera(camera_path or folder / 'camera.yaml')
+    cell = load_cell(cell_path or folder / 'cell.yaml', camera)
+    return list(stored_profiles(catalogue, scan_id)), cell
 
 
 def stored_profiles(catalogue: Catalogue, scan_id: str) -> Iterator[Profile]:

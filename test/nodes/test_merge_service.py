@@ -1,0 +1,87 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scans of the catalogue, brought together by a service."""
+
+from clampings import displacement
+from clampings import lying
+from erring_table import profiles_of
+from erring_table import stripes
+from erring_table import turns
+from geometry_msgs.msg import PoseArray
+from graph_rig import running
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import PointCloud2
+
+from ivfmc_ros.cell.camera_file import save_camera
+from ivfmc_ros.cell.cell_file import save_cell
+from ivfmc_ros.nodes import clouds
+from ivfmc_ros.simulation.bench import bench_cell
+from ivfmc_ros.simulation.parts import demo_part
+from ivfmc_ros.storage.catalogue import Catalogue
+from ivfmc_ros.storage.live_recorder import LiveRecorder
+from ivfmc_ros.storage.live_recorder import Mark
+
+PLACES = {'up': np.eye(4), 'down': lying(demo_part(), 0)}
+
+
+def store(catalogue, root, scan_id, cell, place, steps=80):
+    """Record the profiles of a scan of the demo part as the recorder does."""
+    catalogue.add_scan(scan_id, 'flange', '', 'DONE', {})
+    folder = root / scan_id
+    folder.mkdir()
+    save_cell(folder / 'cell.yaml', cell)
+    save_camera(folder / 'camera.yaml', cell.camera)
+    sweeps = turns(steps, np.zeros_like)
+    measured = stripes(cell, demo_part().moved(place), sweeps, 1)
+    recorder = LiveRecorder(folder, flushed=lambda places: catalogue.add_profiles(scan_id, places))
+    for profile in profiles_of(cell, measured, sweeps):
+        message = serialize_message(clouds.from_profile(profile))
+        mark = Mark(
+            seq=profile.seq,
+            view=profile.view,
+            laser=profile.laser,
+            angle=profile.angle,
+            points=len(profile),
+            stamp_ns=profile.stamp_ns,
+        )
+        kind = 'sensor_msgs/msg/PointCloud2'
+        recorder.add('/ivfmc/profile', kind, message, 1 + profile.stamp_ns, mark=mark)
+    recorder.stop()
+
+
+@pytest.fixture(scope='module')
+def root(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('scans')
+    catalogue = Catalogue(folder, create=True)
+    for scan_id, place in PLACES.items():
+        store(catalogue, folder, scan_id, bench_cell(), place)
+    return folder
+
+
+def test_stored_scans_are_merged_and_shown(client, root):
+    views = client.collect(PointCloud2, 'view')
+    places = client.collect(PoseArray, 'view_poses')
+    with running('registrar', scan_root=str(root), merge=['up', 'down']):
+        client.until(lambda: client.node.count_publishers('view') == 1)
+        good, answer = client.trigger('registrar/merge', seconds=120.0)
+        assert good, answer
+        client.until(lambda: len(views) == 4 and places)
+    assert [scan['name'] for scan in answer['scans']] == ['up', 'down']
+    found = np.array(answer['scans'][1]['first_from_scan']) @ PLACES['down']
+    assert displacement(demo_part(), found, np.eye(4)) < 1e-4
+    assert [view['view'] for view in answer['views']] == [0, 1, 2, 3]
+    assert len(places[0].poses) == 4
+    assert {view.header.stamp.nanosec for view in views} == {places[0].header.stamp.nanosec}
+
+
+def test_what_cannot_be_merged_is_refused_by_code(client, root):
+    with running('registrar', scan_root=str(root)):
+        good, answer = client.trigger('registrar/merge')
+        assert (good, answer['code']) == (False, 'BAD_PARAMETER')
+        assert 'two or more scans are needed' in answer['detail']
+        assert client.set('registrar', merge=['up', 'sideways']).successful
+        good, answer = client.trigger('registrar/merge')
+        assert (good, answer['code']) == (False, 'BAD_CATALOGUE')
+        assert 'sideways' in answer['detail']
