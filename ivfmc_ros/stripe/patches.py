@@ -69,20 +69,23 @@ class Patches:
         inside = bool(column.min(initial=reach) >= reach)
         inside = inside and bool(column.max(initial=reach) + reach < width)
         if inside:
+            places = None
             pixels = sliding_window_view(grey, len(steps), axis=1)[rows, column - reach]
         else:
             places = column[:, None] + steps
             pixels = grey[rows[:, None], np.minimum(np.maximum(places, 0), width - 1)]
-        values: Singles = np.multiply(pixels, scale, dtype=np.float32)
+        # in memory rows lie side by side, as the fit wants them
+        values: Singles = np.multiply(pixels.T, scale, dtype=np.float32, order='C').T
         x = steps.astype(np.float32)
         middle = (rough.column + rough.middle - column).astype(np.float32)
-        used = np.abs(x - middle[:, None]) <= half[:, None]
-        if not inside:
+        used = (np.abs(x[:, None] - middle) <= half).T
+        if places is not None:
             used &= (places >= 0) & (places < width)
         if limits is not None:
             _within(used, column, steps, limits)
-        if values.max(initial=0.0) >= FULL:
-            used &= ~_grown(values >= FULL)
+        bright = np.flatnonzero(pixels.max(axis=1) * scale >= FULL)
+        if len(bright):
+            used[bright] &= ~_grown(values[bright] >= FULL)
         return cls(x, column, values, used.astype(np.float32), rough)
 
     def __len__(self) -> int:

@@ -14,6 +14,7 @@ from typing import cast
 
 import cv2
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from ivfmc_ros.model import Bools
@@ -172,9 +173,9 @@ def _blank(smooth: Image, peaks: Peaks) -> None:
     usual = float(np.partition(widths, most)[most]) if len(widths) else 1.0
     width = smooth.shape[1]
     reach = min(int(np.ceil(_BLANK * usual)) + 2, (width - 1) // 2)
-    middle = np.clip(peaks.column, reach, width - 1 - reach)
-    middle += np.arange(0, smooth.size, width)
-    smooth.reshape(-1)[middle[:, None] + np.arange(-reach, reach + 1)] = 0
+    stretches = sliding_window_view(smooth, 2 * reach + 1, axis=1, writeable=True)
+    first = np.minimum(np.maximum(peaks.column - reach, 0), width - 1 - 2 * reach)
+    stretches[np.arange(len(smooth)), first] = 0
 
 
 def _measure(smooth: Image, scale: float, search: Search, rows: Ints, columns: Ints) -> Peaks:

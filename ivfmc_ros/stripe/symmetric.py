@@ -16,6 +16,7 @@ FIRST = np.array([0, 0, 0, 1, 1, 2])
 SECOND = np.array([0, 1, 2, 1, 2, 2])
 SUM = FIRST + SECOND
 DIAGONAL = np.array([0, 3, 5])
+_FULL = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 
 # A cofactor is the difference of two products of entries.
 _PLUS = np.array([3, 2, 1, 0, 1, 0]), np.array([5, 4, 4, 5, 2, 3])
@@ -32,9 +33,7 @@ def inverse(matrix: Floats) -> Floats:
 
 def times(matrix: Floats, vector: Floats) -> Floats:
     """Return symmetric matrices (6, n) times vectors (3, n)."""
-    a, b, c, d, e, f = matrix
-    x, y, z = vector
-    return np.stack([a * x + b * y + c * z, b * x + d * y + e * z, c * x + e * y + f * z])
+    return np.asarray((matrix[_FULL] * vector).sum(axis=1))
 
 
 def spread(covariance: Floats, gradient: Floats) -> Floats:

@@ -59,13 +59,13 @@ def doubt(rows: Ints, u: Floats, estimate: Estimate, least: float | None) -> Flo
         return np.zeros(0)
     first, after = _neighbours(rows, u)
     count = after - first
-    skew = _mean(estimate.skew, first, after)
-    skew_sigma = np.sqrt(_mean(estimate.skew_sigma**2, first, after) / count)
-    lean = np.maximum(np.abs(skew) - _CERTAIN * skew_sigma, 0.0)
-    usual = usual_width(estimate.width)
     # the width is about as uncertain as the place
-    width_sigma = np.sqrt(_mean(estimate.sigma**2, first, after) / count) / usual
-    width = _mean(estimate.width, first, after)
+    squares = np.stack([estimate.skew_sigma, estimate.sigma]) ** 2
+    averaged = np.stack([estimate.skew, estimate.width, *squares])
+    skew, width, skew_square, width_square = _mean(averaged, first, after)
+    lean = np.maximum(np.abs(skew) - _CERTAIN * np.sqrt(skew_square / count), 0.0)
+    usual = usual_width(estimate.width)
+    width_sigma = np.sqrt(width_square / count) / usual
     change = np.abs(width / usual - 1.0) - _BEND - _CERTAIN * width_sigma
     least = least or 1e-3
     scale = np.maximum(np.maximum(estimate.width, usual), least)
@@ -91,7 +91,8 @@ def usual_width(width: Widths) -> Widths:
     few = width[::_EVERY]
     half = min(_USUAL // _EVERY, (len(few) - 1) // 2)
     # for a few hundred values this takes a third of the time of scipy's median_filter
-    around = sliding_window_view(np.pad(few, half, mode='edge'), 2 * half + 1)
+    ends = np.repeat(few[[0, -1]], half)
+    around = sliding_window_view(np.concatenate([ends[:half], few, ends[half:]]), 2 * half + 1)
     medians = np.partition(around, half, axis=1)[:, half]
     return np.asarray(np.repeat(medians, _EVERY)[: len(width)])
 
@@ -115,5 +116,7 @@ def piece_starts(rows: Ints, u: Floats) -> Ints:
 
 
 def _mean(values: Floats, first: Ints, after: Ints) -> Floats:
-    total = np.concatenate([[0.0], np.cumsum(values)])
-    return np.asarray((total[after] - total[first]) / (after - first))
+    """Return the means of (k, n) values over the neighbours of each, (k, n)."""
+    total = np.zeros((len(values), values.shape[1] + 1))
+    np.cumsum(values, axis=1, out=total[:, 1:])
+    return np.asarray((total[:, after] - total[:, first]) / (after - first))

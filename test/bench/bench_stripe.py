@@ -4,7 +4,6 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-import time
 
 import cv2
 import numpy as np
@@ -12,6 +11,7 @@ from real_scan import measured_scan
 
 from bench import at_least
 from bench import at_most
+from bench import clock as one_thread
 from bench import edges
 from bench import ghosts
 from bench import measured
@@ -30,7 +30,7 @@ from ivfmc_ros.stripe.space_time import refine
 from ivfmc_ros.stripe.triangulate import triangulate
 
 PICTURES = 98  # of 1024 rows: 100,352 a case
-SPECKLED = stripes.Case(2.5, 180.0, 2.0, 45.0, 0.15)
+SPECKLED = one_thread.SPECKLED
 CASES = [
     stripes.Case(sigma, height, read)
     for sigma in (1.2, 2.5, 5.0)
@@ -123,23 +123,10 @@ def sigmas():
 
 
 def clock():
-    """Time per frame over that of argmax, interleaved, CPU time of all threads."""
-    plain = [image for image, _ in stripes.pictures(SPECKLED, 4, 3)]
-    other = [image for image, _ in stripes.pictures(replace(SPECKLED, height=120.0), 4, 4)]
-    double = [np.maximum(one, two[:, ::-1]) for one, two in zip(plain, other, strict=True)]
-    wide = [image for image, _ in stripes.pictures(replace(SPECKLED, sigma=5.0), 4, 5)]
-    no_path = ExtractSettings(path=False)
-    times = _times(
-        {
-            'argmax': (lambda image: image.argmax(axis=1), plain),
-            'default': (lambda image: extract(image, settings=no_path), plain),
-            'path': (extract, double),
-            'wide': (extract, wide),
-            'horus': (stripes.horus, plain),
-        }
-    )
+    """CPU time per frame over that of argmax, one thread."""
+    times = one_thread.times()
     base = times['argmax']
-    note = f'{times["default"]:.2f} ms; argmax {base:.3f} ms; medians of CPU time, all threads'
+    note = f'{times["default"]:.2f} ms; argmax {base:.3f} ms; medians of CPU time, one thread'
     yield Number('time of the default / argmax', times['default'] / base, '', at_most(25), note)
     yield Number(
         'time with the path search / argmax',
@@ -152,20 +139,6 @@ def clock():
     yield Number(
         'time of Horus chain / default', times['horus'] / times['default'], '', at_least(2)
     )
-
-
-def _times(tasks, rounds=60):
-    """Return the median milliseconds of each task, all of them in turn in every round."""
-    seconds = {name: [] for name in tasks}
-    for turn in range(rounds + 3):
-        for name, (work, images) in tasks.items():
-            image = images[turn % len(images)]
-            start = time.process_time()
-            work(image)
-            # the first rounds warm caches
-            if turn >= 3:
-                seconds[name].append(time.process_time() - start)
-    return {name: 1e3 * float(np.median(values)) for name, values in seconds.items()}
 
 
 def reference():
