@@ -50,6 +50,7 @@ class Frame:
     laser : index of the laser that was on, in the order of the cell
     seq : counts the profiles of a scan without gaps
     speed : of the table as it was reported, radians per second; 0 where it stood
+    dark : like ``image``, with all lasers off and the table at the same angle; None: not taken
     """
 
     image: Image
@@ -59,12 +60,19 @@ class Frame:
     view: int = 0
     seq: int = 0
     speed: float = 0.0
+    dark: Image | None = None
 
     def __post_init__(self) -> None:
         if not (self.image.ndim == 2 or (self.image.ndim == 3 and self.image.shape[2] == 3)):
             raise ValueError(f'image has shape {self.image.shape}, expected (h, w) or (h, w, 3)')
         if self.image.dtype not in (np.uint8, np.uint16):
             raise ValueError(f'image has pixels of {self.image.dtype}, expected uint8 or uint16')
+        dark = self.dark
+        if dark is not None and (dark.shape, dark.dtype) != (self.image.shape, self.image.dtype):
+            raise ValueError(
+                f'dark is {dark.shape} of {dark.dtype}, image {self.image.shape} of '
+                f'{self.image.dtype}; they must be alike'
+            )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -88,6 +88,7 @@ class FakeCell:
         node.declare_parameter('scan_folder', '')
         node.declare_parameter('motion', '')
         node.declare_parameter('pictures', True)
+        node.declare_parameter('subtract_dark', False)
         node.declare_parameter('formats', ['stl'])
         node.declare_parameter('export_unit', '')
         node.declare_parameter('view', [-1, -1])

@@ -18,6 +18,7 @@ from ivfmc_ros.storage.image_decoding import decode_compressed
 from ivfmc_ros.storage.messages import COMPRESSED_IMAGE
 from ivfmc_ros.storage.messages import IMAGE
 from ivfmc_ros.storage.messages import image as image_message
+from ivfmc_ros.storage.profile_head import ProfileHead
 
 # Fewer than the triangulator keeps, so that none is pushed out of its history.
 _WINDOW = 10
@@ -26,6 +27,8 @@ _WINDOW = 10
 _PATIENCE_S = 1.0
 _FIRST_PATIENCE_S = 10.0
 _DRAIN_S = 120.0
+# Each laser its own view, for more lasers than any cell has: an empty list has no type to send.
+OWN_VIEWS = list(range(16))
 _CALM_S = 1.5
 _SPIN_S = 0.002
 
@@ -72,13 +75,23 @@ class BagPlayer:
     """Publishes some topics of a bag in their order."""
 
     def __init__(
-        self, client: CellClient, bag: Bag, tracks: Mapping[str, Track], clock: bool
+        self,
+        client: CellClient,
+        bag: Bag,
+        tracks: Mapping[str, Track],
+        clock: bool = False,
+        recorded: Mapping[int, ProfileHead] | None = None,
+        *,
+        every: bool = False,
     ) -> None:
         """
         Prepare to publish.
 
         tracks : by the topic in the bag
         clock : publish /clock, too
+        recorded : what pictures became when they were recorded, by stamp; the others are left
+            out then, and the triangulator is told of each sweep as it was
+        every : leave none out; those with the lasers off are needed, too
         """
         from diagnostic_msgs.msg import DiagnosticArray
         from rosgraph_msgs.msg import Clock
@@ -89,6 +102,9 @@ class BagPlayer:
         self._client = client
         self._bag = bag
         self._tracks = tracks
+        self._recorded = recorded or {}
+        self._views = list(OWN_VIEWS)
+        self._every = every
         node = client.node
         self._publishers = {
             track.target: node.create_publisher(
@@ -165,6 +181,12 @@ class BagPlayer:
             data = cdr.encode(image_message(stamp_ns, decode_compressed(message, raw.topic)))
         elif track.picture:
             stamp_ns = _stamp_ns(data)
+        if track.picture and self._recorded:
+            head = self._recorded.get(stamp_ns)
+            if head is not None:
+                self._select(head)
+            elif not self._every:
+                return
         if self._clock is not None:
             self._tell_clock(raw.log_time_ns)
         self._publishers[track.target].publish(data)
@@ -172,6 +194,15 @@ class BagPlayer:
             self.pictures += 1
             self._under_way.append(stamp_ns)
         self._client.spin(0.0)
+
+    def _select(self, head: ProfileHead) -> None:
+        """Let the profile of a laser belong to its view from now on, as the scan did."""
+        if self._views[head.laser] == head.view:
+            return
+        # pictures that are under way belong to the sweep before
+        self._drain()
+        self._views[head.laser] = head.view
+        self._client.set('triangulator', {'view': self._views})
 
     def _tell_clock(self, stamp_ns: int) -> None:
         from builtin_interfaces.msg import Time

@@ -23,6 +23,7 @@ from ivfmc_ros.pipeline import reconstruct as run
 from ivfmc_ros.pipeline import Reconstruction
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.results import write_results
+from ivfmc_ros.scan.record import load_parameters
 from ivfmc_ros.storage.catalogue import Catalogue
 from ivfmc_ros.storage.scan_bag import read_scan
 from ivfmc_ros.storage.scan_bag import ScanBag
@@ -105,7 +106,8 @@ def open_bag(bag: Path, cell_path: Path | None, camera_path: Path | None) -> tup
     cell_path, camera_path : to use instead of what lies beside the bag, and in it
     :raises ParameterError: there is no cell.yaml
     """
-    path = cell_path or (bag if bag.is_dir() else bag.parent) / 'cell.yaml'
+    folder = bag if bag.is_dir() else bag.parent
+    path = cell_path or folder / 'cell.yaml'
     if cell_path is None and not path.is_file():
         raise ParameterError('--cell cell.yaml is needed: there is none beside the bag')
     draft = load_draft(path)
@@ -113,6 +115,13 @@ def open_bag(bag: Path, cell_path: Path | None, camera_path: Path | None) -> tup
     names = [laser.name for laser in draft.lasers]
     scan = read_scan(bag, lasers=names, camera=camera)
     return scan, draft.complete(scan.camera, str(path))
+=======
+    dark = bool(load_parameters(folder).get('dark_frames'))
+    scan = read_scan(bag, lasers=names, camera=camera, dark=dark)
+    cell = draft.complete(scan.camera, str(path))
+    with progress_bars() as progress:
+        made = run(cell, scan.frames(), settings, scan.frame_count, progress)
+    return made, cell, scan.skipped
 
 
 def _from_catalogue(
@@ -149,5 +158,7 @@ def say(output: Path, document: Mapping[str, Any]) -> None:
             f'overlap, rms {placed["rms"] * 1e3:.4f} mm, 1 sigma {placed["sigma"] * 1e3:.4f} mm'
         )
     for name in ('mesh.stl', 'mesh.png', 'cloud.png', 'stripes.png', 'report.json'):
+=======
+    for name in ('mesh.stl', 'mesh.png', 'cloud.png', 'stripes.png', 'report.html', 'report.json'):
         if (output / name).exists():
             console.print(str(output / name), soft_wrap=True, highlight=False)

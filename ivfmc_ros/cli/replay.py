@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """``ivfmc replay``: the pictures of a bag through the nodes, and a mesh at the end."""
 
-from collections.abc import Mapping
+from collections.abc import Collection
+from collections.abc import Iterator
 from collections.abc import Sequence
+from contextlib import contextmanager
 from pathlib import Path
 import time
 from typing import Any
@@ -13,6 +15,7 @@ from rich.console import Console
 
 from ivfmc_ros import files
 from ivfmc_ros.cli.bag_player import BagPlayer
+from ivfmc_ros.cli.bag_player import OWN_VIEWS
 from ivfmc_ros.cli.bag_player import target_of
 from ivfmc_ros.cli.bag_player import Track
 from ivfmc_ros.cli.cell_run import NAMESPACE
@@ -21,14 +24,18 @@ from ivfmc_ros.cli.client import CellClient
 from ivfmc_ros.cli.progress import progress_bars
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.scan.record import load_parameters
 from ivfmc_ros.scan.request import MOTIONS
 from ivfmc_ros.storage.bag_reader import Bag
 from ivfmc_ros.storage.bag_reader import open_bag
+from ivfmc_ros.storage.profile_head import ProfileHead
 from ivfmc_ros.storage.roles import find_roles
 from ivfmc_ros.storage.roles import Roles
+from ivfmc_ros.storage.scan_bag import recorded_profiles
 
 _PATH = click.Path(path_type=Path)
 _REGISTER_S = 1800.0
+_TIMED = ('triangulator', 'registrar', 'mesher')
 
 
 @click.command()
@@ -47,7 +54,7 @@ _REGISTER_S = 1800.0
     'roles',
     multiple=True,
     metavar='ROLE=TOPIC',
-    help='Topic of the bag that is image, camera_info, joint_states or laser_states.',
+    help='Topic of the bag that is image, camera_info, joint_states, laser_states or profile.',
 )
 @click.option(
     '--topic',
@@ -56,7 +63,11 @@ _REGISTER_S = 1800.0
     metavar='TOPIC[=NAME]',
     help='Publish this topic of the bag, too, under another name if one is given.',
 )
-@click.option('--motion', type=click.Choice(MOTIONS), help='How the table turned.')
+@click.option(
+    '--motion',
+    type=click.Choice(MOTIONS),
+    help='How the table turned; judges every picture anew, whatever it was when recorded.',
+)
 @click.option('--wait', default=20.0, show_default=True, help='Seconds to wait for listeners.')
 @click.option('--build/--no-build', default=True, help='Register and mesh at the end.')
 @click.option('--namespace', default=NAMESPACE, show_default=True, help='Name of the cell.')
@@ -68,13 +79,18 @@ def replay(bag: Path, namespace: str, **options: Any) -> None:
     opened = open_bag(bag)
     roles = find_roles(opened, _pairs('--role', options['roles']))
     tracks = _tracks(opened, roles, options['others'])
+    # the views of a recorded scan, and nothing else, are its views again
+    profile = None if options['motion'] else roles.profile
+    recorded = recorded_profiles(opened, profile.name) if profile else {}
+    dark = bool(load_parameters(bag if bag.is_dir() else bag.parent).get('dark_frames'))
     with cell_client('/' + namespace.strip('/')) as client:
-        player = BagPlayer(client, opened, tracks, options['clock'])
+        player = BagPlayer(client, opened, tracks, options['clock'], recorded, every=dark)
         player.await_listeners(options['wait'])
-        _prepare(client, roles, options)
-        total = sum(opened.topics[name].count for name in tracks)
-        with progress_bars() as progress:
-            player.play(options['rate'], lambda done: progress('messages', done, total))
+        with _clock_of(client, options['clock']):
+            _prepare(client, roles, options['motion'] or motion_of(recorded.values()), dark)
+            total = sum(opened.topics[name].count for name in tracks)
+            with progress_bars() as progress:
+                player.play(options['rate'], lambda done: progress('messages', done, total))
         console = Console(highlight=False)
         console.print(f'{player.pictures} pictures became {player.profiles} profiles')
         if options['build']:
@@ -100,16 +116,37 @@ def _tracks(bag: Bag, roles: Roles, others: Sequence[str]) -> dict[str, Track]:
     return tracks
 
 
-def _prepare(client: CellClient, roles: Roles, options: Mapping[str, Any]) -> None:
+@contextmanager
+def _clock_of(client: CellClient, simulated: bool) -> Iterator[None]:
+    """Let the nodes go by /clock for a while: nobody publishes it afterwards, and it stands."""
+    try:
+        for node in _TIMED if simulated else ():
+            client.set(node, {'use_sim_time': True})
+        yield
+    finally:
+        for node in _TIMED if simulated else ():
+            client.set(node, {'use_sim_time': False})
+
+
+def motion_of(recorded: Collection[ProfileHead]) -> str | None:
+    """Return how the table turned while profiles were taken; None where there are none."""
+    if not recorded:
+        return None
+    return 'continuous' if any(head.speed for head in recorded) else 'step'
+
+
+def _prepare(client: CellClient, roles: Roles, motion: str | None, dark: bool) -> None:
     """Let the nodes forget what they had, and tell them what the bag has."""
     name = f'replay_{time.time_ns()}'
-    if options['clock']:
-        for node in ('triangulator', 'registrar', 'mesher'):
-            client.set(node, {'use_sim_time': True})
     source = 'always_on' if roles.laser_states is None else 'topic'
-    values: dict[str, Any] = {'scan_id': name, 'laser_source': source}
-    if options['motion']:
-        values['motion'] = options['motion']
+    values: dict[str, Any] = {
+        'scan_id': name,
+        'laser_source': source,
+        'view': OWN_VIEWS,
+        'subtract_dark': dark,
+    }
+    if motion:
+        values['motion'] = motion
     client.set('triangulator', values)
     client.set('registrar', {'scan_id': name})
     client.trigger('registrar/reset')

@@ -31,6 +31,11 @@ _SILENCE_S = 20.0
 @click.option('--overlap', type=float, metavar='RAD', help='By which sweeps share surface.')
 @click.option('--profiles', type=int, help='Of each view.')
 @click.option('--motion', type=click.Choice(MOTIONS), help='How the table turns.')
+@click.option(
+    '--dark-frames/--no-dark-frames',
+    default=None,
+    help='Subtract a picture with all lasers off (step).',
+)
 @click.option('--laser', 'lasers', multiple=True, help='To use; may be repeated (default: all).')
 @click.option('--format', 'formats', multiple=True, type=click.Choice(FORMATS), help='Of meshes.')
 @click.option('--namespace', default=NAMESPACE, show_default=True, help='Name of the cell.')

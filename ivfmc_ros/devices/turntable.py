@@ -18,6 +18,8 @@ from ivfmc_ros.errors import StoppedError
 _LOOK = 0.02  # seconds from look to look of the guard
 _RETRY = 2.0  # seconds from one attempt to connect, or to switch, to the next
 _NEAR = 1e-6  # radians
+_SWITCHING = 2.0  # seconds that a board may take to turn a laser off
+_GLANCE = 0.005  # seconds from look to look while a move waits for that
 
 
 class TurntableDriver:
@@ -93,12 +95,22 @@ class TurntableDriver:
         :raises DeviceError: the board did not
         """
         self._beam.idle()
+        self._await_darkness()
         limits = self._board.limits()
         speed = min(self._velocity, limits.velocity)
         way = abs(position - self._board.poll().position)
         if seconds > 0.0 and way > _NEAR:
             speed = min(speed, cruise_speed(way, seconds, limits.acceleration))
         self._board.move_to(position, speed, limits.acceleration)
+
+    def _await_darkness(self) -> None:
+        """Let a laser that shall go out do so first; under way, the table would be stopped."""
+        end = time.monotonic() + _SWITCHING
+        while self._beam.decide().laser is None and time.monotonic() < end:
+            state = self._board.poll()
+            if state.moving or state.alarm is not None or lit_laser(state) is None:
+                return
+            self._closing.wait(_GLANCE)
 
     def hold(self, laser: str) -> None:
         """

@@ -9,6 +9,7 @@ import math
 from typing import Any
 
 from builtin_interfaces.msg import Duration
+from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
@@ -18,9 +19,10 @@ from trajectory_msgs.msg import JointTrajectoryPoint
 
 from ivfmc_ros.nodes.adaptive import AdaptiveSubscription
 from ivfmc_ros.nodes.base import CellNode
-from ivfmc_ros.nodes.profile_head import ProfileHead
-from ivfmc_ros.nodes.profile_head import read_head
+from ivfmc_ros.nodes.stamps import nanoseconds
 from ivfmc_ros.scan.watch import Watch
+from ivfmc_ros.storage.profile_head import ProfileHead
+from ivfmc_ros.storage.profile_head import read_head
 
 # The driver turns the lasers off after half a second without one.
 HOLD_S = 0.1
@@ -57,6 +59,10 @@ class CellLink:
         self.joint = joint
         self.reports: deque[Report] = deque(maxlen=50)
         self.lasers: dict[str, bool] = {}
+        # stamp of the first report since which all lasers are off; None while one is on
+        self.dark_since_ns: int | None = None
+        # stamp of the last picture that was taken
+        self.pictured_ns = 0
         self.recorded: int | None = None
         self.heads: dict[int, ProfileHead] = {}
         self._node = node
@@ -66,6 +72,7 @@ class CellLink:
         self._trajectory = node.publish_on(JointTrajectory, 'joint_trajectory')
         self._keep = [
             AdaptiveSubscription(node, JointState, JOINTS, self._hear_joints),
+            AdaptiveSubscription(node, CameraInfo, 'camera_info', self._hear_camera),
             node.subscribe(JointState, 'laser_states', self._hear_lasers),
             node.subscribe(PointCloud2, 'profile', self._hear_profile),
             node.subscribe(UInt64, 'recorded', self._hear_recorded),
@@ -168,7 +175,7 @@ class CellLink:
         index = list(message.name).index(self.joint)
         if index >= len(message.position) or not math.isfinite(message.position[index]):
             return
-        stamp_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+        stamp_ns = nanoseconds(message.header.stamp)
         position = float(message.position[index])
         velocity = (
             float(message.velocity[index])
@@ -186,10 +193,17 @@ class CellLink:
         seconds = (stamp_ns - last.stamp_ns) * 1e-9
         return (position - last.position) / seconds if seconds > 0.0 else last.velocity
 
+    def _hear_camera(self, message: CameraInfo) -> None:
+        self.pictured_ns = nanoseconds(message.header.stamp)
+
     def _hear_lasers(self, message: JointState) -> None:
         self.lasers = {
             name: value > 0.5 for name, value in zip(message.name, message.position, strict=False)
         }
+        if any(self.lasers.values()):
+            self.dark_since_ns = None
+        elif self.dark_since_ns is None:
+            self.dark_since_ns = nanoseconds(message.header.stamp)
 
     def _hear_profile(self, message: Any) -> None:
         head = read_head(message)

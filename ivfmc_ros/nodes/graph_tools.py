@@ -37,6 +37,7 @@ _FOREVER = 24 * 3600.0
 _MESHING = 3600.0
 _SLACK = 15.0
 _COMING_UP = 15.0
+_SETTLE_NS = 200_000_000
 # so many profiles tell how fast they come
 _RATED = 6
 
@@ -97,6 +98,7 @@ class GraphTools:
             {
                 'view': [NOT_MEASURED] * lasers,
                 'motion': context.request.motion,
+                'subtract_dark': context.request.dark_frames,
                 'scan_id': context.scan_id,
             },
         )
@@ -161,6 +163,17 @@ class GraphTools:
     def dark(self) -> None:
         """Let all lasers go out."""
         self._link.hold(None)
+
+    async def dark_frame(self) -> None:
+        """Return when a picture was taken with all lasers off where the table stands."""
+        link, name = self._link, 'all lasers to be off'
+        await self._until(lambda: link.dark_since_ns is not None, 10.0, name, 'LASER_FAILED')
+        # the triangulator wants the table to have stood for a while before
+        begin = max(link.dark_since_ns or 0, self._stood_ns + _SETTLE_NS)
+        patience = self.context.patience
+        await self._until(
+            lambda: link.pictured_ns >= begin, patience, 'a dark picture', 'CAMERA_LOST'
+        )
 
     async def profile_of(self, view: int) -> None:
         """Return when a view has its profile of where the table stands."""

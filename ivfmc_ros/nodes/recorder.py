@@ -34,11 +34,11 @@ from ivfmc_ros.nodes.adaptive import AdaptiveSubscription
 from ivfmc_ros.nodes.base import CellNode
 from ivfmc_ros.nodes.base import run
 from ivfmc_ros.nodes.health import Level
-from ivfmc_ros.nodes.profile_head import read_head
 from ivfmc_ros.storage.catalogue import Catalogue
 from ivfmc_ros.storage.live_recorder import LiveRecorder
-from ivfmc_ros.storage.live_recorder import Mark
 from ivfmc_ros.storage.live_recorder import Place
+from ivfmc_ros.storage.profile_head import ProfileHead
+from ivfmc_ros.storage.profile_head import read_head
 
 TYPES = {
     'image_raw': Image,
@@ -147,8 +147,8 @@ class Recorder(CellNode):
             mark=mark,
         )
 
-    def _mark(self, data: bytes) -> Mark:
-        return Mark(**vars(read_head(deserialize_message(data, PointCloud2))))
+    def _mark(self, data: bytes) -> ProfileHead:
+        return read_head(deserialize_message(data, PointCloud2))
 
     def _start(self) -> dict[str, Any]:
         if self._recorder is not None:

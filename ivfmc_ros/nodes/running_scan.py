@@ -11,9 +11,7 @@ import time
 from typing import Any
 
 from rclpy.task import Future
-import yaml
 
-from ivfmc_ros import files
 from ivfmc_ros.cell.camera_file import save_camera
 from ivfmc_ros.cell.cell_file import CellDraft
 from ivfmc_ros.cell.cell_file import save_draft
@@ -29,8 +27,6 @@ from ivfmc_ros.scan.machine import Stage
 from ivfmc_ros.scan.progress import Progress
 from ivfmc_ros.storage.camera_info import camera_of
 from ivfmc_ros.storage.catalogue import Catalogue
-
-PARAMETERS = 'params.yaml'
 
 # the keys of scan_status are fixed: somebody's gateway reads them
 _KEYS = (
@@ -84,8 +80,7 @@ class RunningScan:
         :raises ScanError: it cannot be written
         """
         save_draft(self.folder / 'cell.yaml', draft)
-        document = {'orchestrator': {'ros__parameters': dict(parameters)}}
-        files.write_text(self.folder / PARAMETERS, yaml.safe_dump(document, sort_keys=False))
+        record.save_parameters(self.folder, parameters)
         self._catalogue = Catalogue(self.folder.parent, create=True)
         request = self.context.request
         self._catalogue.add_scan(

@@ -78,6 +78,11 @@ def _declare_request(node: CellNode) -> None:
     )
     node.parameter('lasers', [], 'Names of the lasers to use; empty for all.', kind=str)
     node.parameter(
+        'dark_frames',
+        default.dark_frames,
+        'step: take a picture with all lasers off at every stop, which is subtracted.',
+    )
+    node.parameter(
         'formats',
         list(default.formats),
         'Formats of the mesh files.',

@@ -21,6 +21,7 @@ from ivfmc_ros.errors import MessageError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.model import Frame
+from ivfmc_ros.model import Image
 from ivfmc_ros.nodes import clouds
 from ivfmc_ros.nodes import images
 from ivfmc_ros.nodes.adaptive import AdaptiveSubscription
@@ -209,7 +210,7 @@ class Triangulator(CellNode):
             self._counts[match.reason] += 1
             return
         try:
-            image = images.from_image(match.payload, self._pictures.topic)
+            image = self._image(match.payload)
             where = f'{self._pictures.topic} and camera_info do not go together'
             stream.acquisition.cell.camera.require_image(image.shape, where)
             frame = Frame(
@@ -220,6 +221,7 @@ class Triangulator(CellNode):
                 view=match.view,
                 seq=self._seq,
                 speed=match.speed,
+                dark=self._image(match.dark.payload) if match.dark else None,
             )
             measured = stream.add(frame)
         except ScanError as error:
@@ -231,6 +233,9 @@ class Triangulator(CellNode):
         self._seq += 1
         self.health.clear('picture')
         self._publish(measured)
+
+    def _image(self, message: ImageMessage | CompressedImage) -> Image:
+        return images.from_image(message, self._pictures.topic)
 
     def _publish(self, measured: Measured) -> None:
         for frame, profile in measured:

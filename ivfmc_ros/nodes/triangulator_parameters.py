@@ -61,6 +61,11 @@ def _declare_choice(node: ParameterNode) -> None:
         kind=int,
     )
     node.parameter(
+        'subtract_dark',
+        False,
+        'Subtract the picture taken with all lasers off at the same stand of the table (step).',
+    )
+    node.parameter(
         'laser_source',
         'topic',
         'topic: laser_states tells which laser is on. always_on: the only laser of cell.yaml is.',
@@ -119,6 +124,7 @@ def match_settings(values: Callable[[str], Any], lasers: Sequence[str]) -> Match
         settle=values('settle'),
         stand=values('stand'),
         min_step=values('min_step'),
+        dark=values('subtract_dark'),
     )
 
 

@@ -41,6 +41,9 @@ class Tools(Protocol):
     def dark(self) -> None:
         """Let all lasers go out."""
 
+    async def dark_frame(self) -> None:
+        """Return when a picture was taken with all lasers off where the table stands."""
+
     async def profile_of(self, view: int) -> None:
         """Return when a view has its profile of where the table stands."""
 
@@ -145,7 +148,8 @@ async def _stages(
 
 async def _sweep(sweep: Sweep, machine: Machine, motion: Motion, tools: Tools) -> None:
     await _wait_while_paused(machine, tools)
-    await tools.select(sweep)
+    # a laser that still shone would give the new views a profile of the old place
+    tools.dark()
     if sweep.velocity > 0.0:
         await _smoothly(sweep, motion, tools)
     else:
@@ -156,8 +160,8 @@ async def _smoothly(sweep: Sweep, motion: Motion, tools: Tools) -> None:
     """Take the profiles in one smooth move, with room for its ramps before and after."""
     lead = sweep.lead(motion)
     begin, end = sweep.start - lead, sweep.start + sweep.span + lead
-    tools.dark()
     await tools.move(begin, motion.velocity)
+    await tools.select(sweep)
     await tools.light(sweep.lasers[0])
     velocity = sweep.slowed(await tools.rate(sweep))
     await tools.move(end, velocity)
@@ -169,9 +173,14 @@ async def _stepwise(sweep: Sweep, machine: Machine, motion: Motion, tools: Tools
     """Stop for every profile; the lasers take turns, the one that shines first."""
     lasers = list(sweep.lasers)
     names = dict(zip(sweep.lasers, sorted(v for v in sweep.views if v >= 0), strict=True))
-    for angle in sweep.angles():
+    for number, angle in enumerate(sweep.angles()):
         await _wait_while_paused(machine, tools)
         await tools.move(angle, motion.velocity)
+        if number == 0:
+            await tools.select(sweep)
+        if sweep.dark:
+            tools.dark()
+            await tools.dark_frame()
         for laser in lasers:
             await tools.light(laser)
             await tools.profile_of(names[laser])

@@ -58,6 +58,7 @@ class Sweep:
     start, span : radians of table position at the first profile, and from there to the end
     profiles : of each laser
     velocity : rad/s while profiles are taken; 0.0 where the table stands for each of them
+    dark : a picture with all lasers off comes first at every stop
     """
 
     number: int
@@ -67,6 +68,7 @@ class Sweep:
     span: float
     profiles: int
     velocity: float = 0.0
+    dark: bool = False
 
     def angles(self) -> list[float]:
         """Return the table positions of the profiles, radians."""
@@ -125,6 +127,7 @@ def make_plan(
                 span=span,
                 profiles=request.profiles,
                 velocity=_velocity(request, span, motion),
+                dark=request.dark_frames and request.motion == 'step',
             )
             sweeps.append(_ahead(sweep, motion, position))
             position = sweeps[-1].start + span + sweeps[-1].lead(motion)

@@ -9,6 +9,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from ivfmc_ros import files
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.scan.machine import ENDS
@@ -16,6 +18,9 @@ from ivfmc_ros.scan.machine import Stage
 from ivfmc_ros.scan.request import require_name
 
 JOB = 'job.json'
+PARAMETERS = 'params.yaml'
+
+_NODE, _VALUES = 'orchestrator', 'ros__parameters'
 
 
 def new_folder(root: Path, part: str, now: datetime | None = None) -> Path:
@@ -68,6 +73,34 @@ def load_job(folder: Path) -> dict[str, Any]:
     if not isinstance(document, dict) or document.get('stage') not in list(Stage):
         raise FileError(f'{path}: stage: is missing or unknown')
     return document
+
+
+def save_parameters(folder: Path, parameters: Mapping[str, Any]) -> None:
+    """
+    Write the orchestrator's parameters of a scan, as a file that a node can be started with.
+
+    :raises FileError: it cannot be written
+    """
+    document = {_NODE: {_VALUES: dict(parameters)}}
+    files.write_text(folder / PARAMETERS, yaml.safe_dump(document, sort_keys=False))
+
+
+def load_parameters(folder: Path) -> dict[str, Any]:
+    """
+    Read the orchestrator's parameters of a scan; none where there is no such file.
+
+    :raises FileError: it cannot be read, or is not one of ours
+    """
+    path = folder / PARAMETERS
+    if not path.exists():
+        return {}
+    try:
+        document = yaml.safe_load(path.read_text(encoding='utf-8'))
+        return dict(document[_NODE][_VALUES])
+    except OSError as error:
+        raise FileError(f'{path}: cannot be read: {error.strerror or error}') from error
+    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
+        raise FileError(f'{path}: has no parameters of {_NODE}: {error}') from error
 
 
 def close_interrupted(root: Path) -> list[str]:

@@ -32,6 +32,8 @@ class ScanRequest:
     profiles : of each view
     motion : 'step' (turn, settle, take pictures) or 'continuous' (one smooth turn a sweep)
     lasers : names; empty for all of the cell
+    dark_frames : take a picture with all lasers off at every stop, to be subtracted; only in
+        step motion, for a table that turns has no stop
     formats : of the mesh files
     export_unit : of the mesh files: m, mm or inch
     """
@@ -43,6 +45,7 @@ class ScanRequest:
     profiles: int = 200
     motion: str = 'continuous'
     lasers: tuple[str, ...] = ()
+    dark_frames: bool = False
     formats: tuple[str, ...] = ('stl', 'ply')
     export_unit: str = 'mm'
 

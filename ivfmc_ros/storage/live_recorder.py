@@ -25,28 +25,13 @@ from ivfmc_ros.storage import bag_writer
 from ivfmc_ros.storage import cdr
 from ivfmc_ros.storage import metadata
 from ivfmc_ros.storage.chunk_file import ChunkFile
+from ivfmc_ros.storage.profile_head import ProfileHead
 
 PART_NAME = f'{bag_writer.FILE_NAME}.part'
 
 # A chunk holds what came within so many seconds or bytes: what is not in a chunk is not readable.
 _FLUSH_S = 0.25
 _CHUNK_BYTES = 8 * 1024 * 1024
-
-
-@dataclass(frozen=True, kw_only=True)
-class Mark:
-    """
-    What a message is to the catalogue, besides its place; None where it is no profile.
-
-    seq : of the profile, counted without gaps
-    """
-
-    seq: int
-    view: int
-    laser: int
-    angle: float
-    points: int
-    stamp_ns: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +43,7 @@ class Place:
     chunk_offset : bytes from the beginning of the file to the chunk that holds it
     """
 
-    mark: Mark
+    mark: ProfileHead
     topic: str
     index: int
     log_time_ns: int
@@ -72,7 +57,7 @@ class _Item:
     data: bytes
     log_time_ns: int
     latched: bool
-    mark: Mark | None
+    mark: ProfileHead | None
 
 
 @dataclass(kw_only=True)
@@ -152,7 +137,7 @@ class LiveRecorder:
         log_time_ns: int,
         *,
         latched: bool = False,
-        mark: Mark | None = None,
+        mark: ProfileHead | None = None,
     ) -> bool:
         """
         Queue a message; returns False when it was dropped because too much waits.

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.storage.reports import DARK
 from ivfmc_ros.storage.reports import LaserReports
 from ivfmc_ros.storage.reports import TableReports
 
@@ -46,6 +47,8 @@ class MatchSettings:
     settle : seconds that the table must have stood before the exposure (step)
     stand : radians that a table that stands may seem to move (step)
     min_step : radians; less than this from the profile before is the same angle (step)
+    dark : give each picture the last one that was exposed with all lasers off at the same stand
+        of the table (step)
     """
 
     motion: str = 'continuous'
@@ -55,6 +58,7 @@ class MatchSettings:
     settle: float = 0.1
     stand: float = 2e-4
     min_step: float = 1e-3
+    dark: bool = False
 
     def __post_init__(self) -> None:
         if self.motion not in MOTIONS:
@@ -87,6 +91,7 @@ class Match:
     angle : radians, a float32 that is sent without rounding, less the whole turns with which the
         scan began
     speed : of the table, radians per second, as reported
+    dark : the picture with all lasers off at the same place, if that is asked for and there is one
     """
 
     payload: Any
@@ -96,6 +101,16 @@ class Match:
     speed: float = 0.0
     laser: int = 0
     view: int = 0
+    dark: 'Dark | None' = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Dark:
+    """A picture that was exposed with all lasers off, the table standing at ``angle``, radians."""
+
+    payload: Any
+    stamp_ns: int
+    angle: float
 
 
 @dataclass(order=True)
@@ -146,6 +161,7 @@ class Matcher:
         """Begin a scan: forget what was measured, not what is known of table and lasers."""
         self._turns: float | None = None
         self._measured: dict[int, float] = {}
+        self._dark: Dark | None = None
 
     def table(
         self, stamp_ns: int, position: float, velocity: float | None = None, now_s: float = 0.0
@@ -212,6 +228,8 @@ class Matcher:
             reason = 'laser not measured'
         elif not reason and settings.motion == 'step':
             reason = self._why_no_step(waiting, settings.view_of(laser or 0))
+        if reason == DARK and settings.dark and self._stands(waiting):
+            self._dark = Dark(payload=waiting.payload, stamp_ns=stamp, angle=self._table.at(stamp))
         if reason or laser is None:
             return Match(payload=waiting.payload, stamp_ns=stamp, reason=reason)
         angle = self._table.at(stamp)
@@ -226,13 +244,22 @@ class Matcher:
             speed=float(np.float32(self._table.speed(stamp))),
             laser=laser,
             view=settings.view_of(laser),
+            dark=self._dark_at(angle) if settings.dark else None,
         )
 
-    def _why_no_step(self, waiting: _Waiting, view: int) -> str:
+    def _stands(self, waiting: _Waiting) -> bool:
         stamp_ns, settings = waiting.stamp_ns, waiting.settings
         begin = stamp_ns - int(settings.settle * _NANOSECONDS)
         end = stamp_ns + int(settings.exposure * _NANOSECONDS)
-        if self._table.way(begin, end) > settings.stand:
+        return self._table.way(begin, end) <= settings.stand
+
+    def _dark_at(self, angle: float) -> Dark | None:
+        dark = self._dark
+        return dark if dark and abs(dark.angle - angle) < self.settings.min_step else None
+
+    def _why_no_step(self, waiting: _Waiting, view: int) -> str:
+        stamp_ns, settings = waiting.stamp_ns, waiting.settings
+        if not self._stands(waiting):
             return 'table moving'
         before = self._measured.get(view, math.inf)
         same = abs(self._table.at(stamp_ns) - before) < settings.min_step

@@ -16,6 +16,7 @@ IMAGE = 'sensor_msgs/msg/Image'
 COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 JOINT_STATE = 'sensor_msgs/msg/JointState'
+POINT_CLOUD = 'sensor_msgs/msg/PointCloud2'
 
 CAMERA_FRAME = 'camera_optical_frame'
 

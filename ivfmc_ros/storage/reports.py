@@ -10,6 +10,9 @@ from itertools import pairwise
 import math
 from typing import Any
 
+# Why a picture is not used that shows no stripe, but may be subtracted from those that do.
+DARK = 'laser off'
+
 _NANOSECONDS = 1_000_000_000
 _TURN = 2.0 * math.pi
 
@@ -147,13 +150,13 @@ class LaserReports:
             return 0, ''
         latest = bisect_right(self.stamps, stamp_ns) - 1
         if latest < 0:
-            return None, 'laser off'
+            return None, 'lasers not known'
         end = bisect_right(self.stamps, stamp_ns + exposure_ns)
         if any(state != self._states[latest] for state in self._states[latest + 1 : end]):
             return None, 'laser changed'
         on = [index for index, lit in enumerate(self._states[latest]) if lit]
         if len(on) != 1:
-            return None, 'two lasers on' if on else 'laser off'
+            return None, 'two lasers on' if on else DARK
         return on[0], ''
 
 

@@ -13,6 +13,7 @@ from ivfmc_ros.storage.messages import CAMERA_INFO
 from ivfmc_ros.storage.messages import COMPRESSED_IMAGE
 from ivfmc_ros.storage.messages import IMAGE
 from ivfmc_ros.storage.messages import JOINT_STATE
+from ivfmc_ros.storage.messages import POINT_CLOUD
 
 # role -> the ends of a name and the type that goes with each
 _ROLES = {
@@ -20,25 +21,31 @@ _ROLES = {
     'camera_info': {'camera_info': CAMERA_INFO},
     'joint_states': {'joint_states': JOINT_STATE},
     'laser_states': {'laser_states': JOINT_STATE},
+    'profile': {'profile': POINT_CLOUD},
 }
 
 
 @dataclass(frozen=True, kw_only=True)
 class Roles:
-    """The topics of a scan; None where the bag has none."""
+    """
+    The topics of a scan; None where the bag has none.
+
+    profile : what was made of the pictures when they were recorded
+    """
 
     image: Topic
     joint_states: Topic
     camera_info: Topic | None
     laser_states: Topic | None
+    profile: Topic | None = None
 
 
 def find_roles(bag: Bag, named: Mapping[str, str] | None = None) -> Roles:
     """
     Find the topics of a scan.
 
-    named : role ('image', 'camera_info', 'joint_states', 'laser_states') -> topic, where the
-        user has chosen
+    named : role ('image', 'camera_info', 'joint_states', 'laser_states', 'profile') -> topic,
+        where the user has chosen
     :raises BagError: pictures or joint states are missing, or several topics could be meant
     """
     named = named or {}
@@ -50,6 +57,7 @@ def find_roles(bag: Bag, named: Mapping[str, str] | None = None) -> Roles:
         joint_states=_required(bag, 'joint_states', named),
         camera_info=_find(bag, 'camera_info', named),
         laser_states=_find(bag, 'laser_states', named),
+        profile=_find(bag, 'profile', named),
     )
 
 

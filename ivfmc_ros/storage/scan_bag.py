@@ -3,6 +3,7 @@
 """A bag as a scan: pictures with the table angle and the laser that belong to each."""
 
 from collections import Counter
+from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Mapping
 from collections.abc import Sequence
@@ -18,6 +19,7 @@ import numpy as np
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.errors import BagError
 from ivfmc_ros.errors import FileError
+from ivfmc_ros.errors import MessageError
 from ivfmc_ros.model import Frame
 from ivfmc_ros.model import Image
 from ivfmc_ros.model import Ints
@@ -31,6 +33,8 @@ from ivfmc_ros.storage.image_decoding import decode_image
 from ivfmc_ros.storage.matching import Matcher
 from ivfmc_ros.storage.matching import MatchSettings
 from ivfmc_ros.storage.messages import COMPRESSED_IMAGE
+from ivfmc_ros.storage.profile_head import ProfileHead
+from ivfmc_ros.storage.profile_head import read_head
 from ivfmc_ros.storage.reports import joint_of
 from ivfmc_ros.storage.roles import find_roles
 from ivfmc_ros.storage.roles import missing
@@ -41,13 +45,20 @@ from ivfmc_ros.storage.tracks import LaserTrack
 
 @dataclass(frozen=True, kw_only=True)
 class _Shot:
-    """What belongs to one picture; ``laser`` is None where it is not used."""
+    """
+    What belongs to one picture.
+
+    reason : why it is not used; empty if it is
+    dark_ns : stamp of the picture with all lasers off that goes with it
+    """
 
     stamp_ns: int
     angle: float
-    laser: int | None
+    reason: str = ''
+    laser: int = 0
     view: int = 0
     speed: float = 0.0
+    dark_ns: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +82,7 @@ class ScanBag:
     @property
     def frame_count(self) -> int:
         """How many frames there are, for progress."""
-        return sum(shot.laser is not None for shot in self.shots)
+        return sum(not shot.reason for shot in self.shots)
 
     def frames(self) -> Iterator[Frame]:
         """
@@ -82,8 +93,13 @@ class ScanBag:
         """
         decode = self.bag.decoder(self.roles.image.name)
         seq = 0
+        wanted = {shot.dark_ns for shot in self.shots if not shot.reason}
+        dark: dict[int | None, Image] = {}
         for (raw, message), shot in zip(self._in_order(decode), self.shots, strict=True):
-            if shot.laser is None:
+            if shot.stamp_ns in wanted:
+                # those of stands before are not needed any more
+                dark = {shot.stamp_ns: self._picture(raw, message)}
+            if shot.reason:
                 continue
             yield Frame(
                 image=self._picture(raw, message),
@@ -93,6 +109,7 @@ class ScanBag:
                 view=shot.view,
                 seq=seq,
                 speed=shot.speed,
+                dark=dark.get(shot.dark_ns),
             )
             seq += 1
 
@@ -127,6 +144,7 @@ def read_scan(
     camera: Camera | None = None,
     topics: Mapping[str, str] | None = None,
     matching: MatchSettings | None = None,
+    dark: bool = False,
     salvage: bool = False,
 ) -> ScanBag:
     """
@@ -138,7 +156,9 @@ def read_scan(
     camera : instead of the one in camera_info
     topics : role ('image', 'camera_info', 'joint_states', 'laser_states') -> topic, where it
         cannot be found by its name or several could be meant
-    matching : which pictures become profiles
+    matching : which pictures become profiles; None: those that did when they were recorded, in
+        the same views, if the bag has the profiles
+    dark : give each frame the picture with all lasers off at the same stand of the table
     salvage : use what can be read of a damaged bag
     :raises BagError: the bag is damaged, lacks a topic, or does not tell the table's angle at the
         stamp of a picture
@@ -147,18 +167,15 @@ def read_scan(
     roles = find_roles(bag, topics)
     messages = _read(bag, roles)
     stamps = np.sort(np.array(messages['image'], dtype=np.int64))
-    where = f'{path}: {roles.joint_states.name}'
-    track = JointTrack.of(messages['joint_states'], joint, where)
-    known = track.covers(stamps)
-    if not known.all() and not salvage:
-        at = _text(int(stamps[np.argmin(known)]))
-        raise BagError(
-            f'{where}: {np.count_nonzero(~known)} pictures are outside the reported positions, '
-            f'the first at {at}; record joint_states from before the first picture to the last'
-        )
-    matching = matching or MatchSettings()
-    shots, reasons = _match(bag, roles, messages, joint, lasers, stamps, matching)
-    skipped = Counter(reason for reason in reasons if reason)
+    if not salvage:
+        where = f'{path}: {roles.joint_states.name}'
+        _require_angles(JointTrack.of(messages['joint_states'], joint, where), stamps, where)
+    given = matching or MatchSettings(dark=dark)
+    shots = _match(bag, roles, messages, joint, lasers, stamps, given)
+    heads = {head.stamp_ns: head for head in messages['profile'] if head is not None}
+    if heads and matching is None:
+        shots = [_as_recorded(shot, heads.get(shot.stamp_ns)) for shot in shots]
+    skipped = Counter(shot.reason for shot in shots if shot.reason)
     if skipped.total() == len(shots):
         listing = ', '.join(f'{count} {reason}' for reason, count in skipped.items())
         raise BagError(f'{path}: {roles.image.name}: no picture can be used ({listing})')
@@ -173,8 +190,27 @@ def read_scan(
     )
 
 
+def _head(message: Any) -> ProfileHead | None:
+    try:
+        return read_head(message)
+    except MessageError:
+        # somebody else's clouds of that name
+        return None
+
+
+# what is kept of the messages of a role
+_REDUCED: Mapping[str, Callable[[Any], Any]] = {'image': cdr.stamp_ns, 'profile': _head}
+
+
+def recorded_profiles(bag: Bag, topic: str) -> dict[int, ProfileHead]:
+    """Return what pictures became when they were recorded, by stamp; none of foreign clouds."""
+    decode = bag.decoder(topic)
+    heads = (_head(decode(raw)) for raw in bag.messages([topic]))
+    return {head.stamp_ns: head for head in heads if head is not None}
+
+
 def _read(bag: Bag, roles: Roles) -> dict[str, list[Any]]:
-    """Return all messages by role; of pictures the stamps, of camera_info the first."""
+    """Return all messages by role; of pictures the stamps, of profiles the heads."""
     named = {role: topic.name for role, topic in vars(roles).items() if topic is not None}
     decoders = {name: bag.decoder(name) for name in named.values()}
     role_of = {name: role for role, name in named.items()}
@@ -184,7 +220,8 @@ def _read(bag: Bag, roles: Roles) -> dict[str, list[Any]]:
         if role == 'camera_info' and messages[role]:
             continue
         message = decoders[raw.topic](raw)
-        messages[role].append(cdr.stamp_ns(message) if role == 'image' else message)
+        reduce = _REDUCED.get(role)
+        messages[role].append(reduce(message) if reduce else message)
     return messages
 
 
@@ -196,8 +233,8 @@ def _match(
     lasers: Sequence[str],
     stamps: Ints,
     settings: MatchSettings,
-) -> tuple[list[_Shot], list[str]]:
-    """Return for each stamp what belongs to the picture, and why it is not used if it is not."""
+) -> list[_Shot]:
+    """Return for each stamp what belongs to the picture."""
     always_on = roles.laser_states is None
     _require_lasers(bag, roles, messages, lasers)
     matcher = Matcher(lasers, replace(settings, always_on=always_on), history_s=math.inf)
@@ -210,18 +247,41 @@ def _match(
         matcher.lasers(cdr.stamp_ns(message), dict(stated_lasers))
     for stamp in stamps:
         matcher.picture(int(stamp), None)
-    matches = list(matcher.ready())
-    shots = [
+    return [
         _Shot(
             stamp_ns=match.stamp_ns,
             angle=match.angle,
-            laser=None if match.reason else match.laser,
+            reason=match.reason,
+            laser=match.laser,
             view=match.view,
             speed=match.speed,
+            dark_ns=match.dark.stamp_ns if match.dark else None,
         )
-        for match in matches
+        for match in matcher.ready()
     ]
-    return shots, [match.reason for match in matches]
+
+
+def _require_angles(track: JointTrack, stamps: Ints, where: str) -> None:
+    known = track.covers(stamps)
+    if not known.all():
+        at = _text(int(stamps[np.argmin(known)]))
+        raise BagError(
+            f'{where}: {np.count_nonzero(~known)} pictures are outside the reported positions, '
+            f'the first at {at}; record joint_states from before the first picture to the last'
+        )
+
+
+def _as_recorded(shot: _Shot, head: ProfileHead | None) -> _Shot:
+    """
+    Take a picture as the profile that it became when it was recorded, if it became one.
+
+    Which of several sweeps is which view is known to who took them, and to nobody else.
+    """
+    if head is None:
+        return replace(shot, reason=shot.reason or 'no profile when recorded')
+    return replace(
+        shot, reason='', angle=head.angle, laser=head.laser, view=head.view, speed=head.speed
+    )
 
 
 def _require_lasers(

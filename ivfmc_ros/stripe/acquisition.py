@@ -23,6 +23,8 @@ from ivfmc_ros.model import Image
 from ivfmc_ros.model import Profile
 from ivfmc_ros.stripe import channel
 from ivfmc_ros.stripe import denoise
+from ivfmc_ros.stripe.ambient import lit_by_laser
+from ivfmc_ros.stripe.ambient import of_difference
 from ivfmc_ros.stripe.estimators import DEFAULT
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
@@ -141,7 +143,9 @@ class Acquisition:
 
     def _extract(self, frame: Frame, settings: ExtractSettings) -> Stripe:
         direction = self.cell.lasers[frame.laser].stripe
-        return extract(frame.image, direction, settings, self._regions[frame.laser])
+        if frame.dark is not None:
+            settings = replace(settings, noise=of_difference(settings.noise))
+        return extract(lit_by_laser(frame), direction, settings, self._regions[frame.laser])
 
     def profile(self, frame: Frame, texture: Image | None = None) -> Profile:
         """
@@ -168,7 +172,7 @@ class Acquisition:
         """Return what can be stripe, turned so that there is one stripe point a row."""
         self.require_usable(frame)
         mask = self._regions[frame.laser].mask > 0
-        image = frame.image * (mask if frame.image.ndim == 2 else mask[..., None])
+        image = lit_by_laser(frame) * (mask if frame.image.ndim == 2 else mask[..., None])
         by_row = self.cell.lasers[frame.laser].stripe == 'rows'
         return image if by_row else np.swapaxes(image, 0, 1)
 

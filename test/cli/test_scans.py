@@ -11,8 +11,8 @@ from ivfmc_ros.cli.scans import scans
 from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.storage.catalogue import Catalogue
-from ivfmc_ros.storage.live_recorder import Mark
 from ivfmc_ros.storage.live_recorder import Place
+from ivfmc_ros.storage.profile_head import ProfileHead
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def root(tmp_path):
     catalogue = Catalogue(tmp_path, create=True)
     catalogue.add_scan('s1', 'bracket', '', 'DONE', {'profiles': 200})
     catalogue.add_scan('s2', 'flange', '', 'FAILED', {})
-    mark = Mark(seq=0, view=0, laser=1, angle=0.5, points=7, stamp_ns=1)
+    mark = ProfileHead(seq=0, view=0, laser=1, angle=0.5, points=7, stamp_ns=1)
     catalogue.add_profiles(
         's1', [Place(mark=mark, topic='/p', index=0, log_time_ns=1, chunk_offset=8)]
     )

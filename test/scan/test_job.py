@@ -45,6 +45,10 @@ class FakeTools:
     def dark(self):
         self.lit = None
 
+    async def dark_frame(self):
+        assert self.lit is None
+        self._do('dark_frame')
+
     async def profile_of(self, view):
         self._do('profile', view)
 
@@ -105,6 +109,25 @@ def test_step_scan_stops_for_every_profile():
     }  # fmt: skip
 
 
+def test_dark_frame_comes_first_at_every_stop():
+    tools, _, _ = run(motion='step', profiles=3, dark_frames=True)
+    steps = [name for name in tools.names() if name in ('move', 'dark_frame', 'light')]
+    assert steps == ['move', 'dark_frame', 'light', 'light'] * 3
+
+
+def test_table_that_turns_has_no_dark_frames():
+    tools, outcome, _ = run(profiles=200, dark_frames=True)
+    assert outcome.code == 'OK'
+    assert 'dark_frame' not in tools.names()
+
+
+def test_sweep_is_selected_where_it_begins_with_the_lasers_off():
+    tools, _, _ = run(motion='step', profiles=3, views=2)
+    first, second = [i for i, name in enumerate(tools.names()) if name == 'select']
+    assert tools.names()[first - 1] == tools.names()[second - 1] == 'move'
+    assert tools.names()[second + 1] == 'light'
+
+
 def test_continuous_scan_has_lead_in_and_lead_out():
     tools, _, _ = run(profiles=200)
     moves = [what[1:] for what in tools.done if what[0] == 'move']
@@ -113,7 +136,7 @@ def test_continuous_scan_has_lead_in_and_lead_out():
     assert end - begin > 6.2832
     assert moves[1][1] == pytest.approx(0.314159)
     assert moves[2][0] >= end - 2e-3
-    assert tools.names()[:6] == ['prepare', 'select', 'move', 'light', 'rate', 'move']
+    assert tools.names()[:6] == ['prepare', 'move', 'select', 'light', 'rate', 'move']
 
 
 @pytest.mark.parametrize('where', ['prepare', 'move', 'light', 'settled', 'register', 'build'])

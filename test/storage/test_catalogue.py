@@ -8,12 +8,12 @@ import pytest
 from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.storage.catalogue import Catalogue
 from ivfmc_ros.storage.catalogue import FILE_NAME
-from ivfmc_ros.storage.live_recorder import Mark
 from ivfmc_ros.storage.live_recorder import Place
+from ivfmc_ros.storage.profile_head import ProfileHead
 
 
 def place(seq, view=0):
-    mark = Mark(seq=seq, view=view, laser=view, angle=0.1 * seq, points=10, stamp_ns=seq)
+    mark = ProfileHead(seq=seq, view=view, laser=view, angle=0.1 * seq, points=10, stamp_ns=seq)
     return Place(mark=mark, topic='/p', index=seq, log_time_ns=100 + seq, chunk_offset=8)
 
 

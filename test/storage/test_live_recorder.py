@@ -10,8 +10,8 @@ from ivfmc_ros.storage import cdr
 from ivfmc_ros.storage import messages
 from ivfmc_ros.storage.bag_reader import open_bag
 from ivfmc_ros.storage.live_recorder import LiveRecorder
-from ivfmc_ros.storage.live_recorder import Mark
 from ivfmc_ros.storage.live_recorder import PART_NAME
+from ivfmc_ros.storage.profile_head import ProfileHead
 
 START = 1_700_000_000_000_000_000
 JOINTS = '/ivfmc/joint_states'
@@ -27,7 +27,7 @@ def add(recorder, index, topic=JOINTS, **options):
 
 
 def mark(seq):
-    return Mark(seq=seq, view=0, laser=0, angle=0.1 * seq, points=5, stamp_ns=START + seq)
+    return ProfileHead(seq=seq, view=0, laser=0, angle=0.1 * seq, points=5, stamp_ns=START + seq)
 
 
 def wait_until(condition):

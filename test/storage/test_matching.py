@@ -85,7 +85,7 @@ def test_a_late_report_prolongs_the_patience_that_it_deserves():
         ([(0, 'none')], 'laser off'),
         ([(0, 'left'), (55, 'right')], 'laser changed'),
         ([(0, 'right'), (40, 'left')], ''),
-        ([], 'laser off'),
+        ([], 'lasers not known'),
     ],
 )
 def test_a_picture_needs_one_laser_all_the_time(states, reason):
@@ -96,6 +96,33 @@ def test_a_picture_needs_one_laser_all_the_time(states, reason):
         on(matcher, stamp, name)
     matcher.picture(at(50), None)
     assert reasons(matcher) == [reason]
+
+
+def darks(matcher):
+    return [match.dark and match.dark.payload for match in matcher.ready() if not match.reason]
+
+
+def test_picture_gets_the_dark_one_of_its_stand():
+    matcher = a_matcher(dark=True, motion='step', settle=0.0)
+    for stamp, angle in ((0, 0.0), (300, 0.0), (400, 0.5), (700, 0.5)):
+        matcher.table(at(stamp), angle)
+    for stamp, name in ((0, 'none'), (100, 'left'), (340, 'none'), (550, 'left')):
+        on(matcher, stamp, name)
+    for stamp in (20, 150, 600):
+        matcher.picture(at(stamp), f'picture at {stamp}')
+    # the stand at 0.5 rad has none of its own, and must not get that of 0 rad
+    assert darks(matcher) == ['picture at 20', None]
+
+
+def test_dark_picture_of_a_moving_table_is_none():
+    matcher = a_matcher(dark=True, motion='step', settle=0.05)
+    for stamp, angle in ((0, 0.0), (100, 0.1), (400, 0.1)):
+        matcher.table(at(stamp), angle)
+    for stamp, name in ((0, 'none'), (200, 'left')):
+        on(matcher, stamp, name)
+    for stamp in (90, 300):
+        matcher.picture(at(stamp), f'picture at {stamp}')
+    assert darks(matcher) == [None]
 
 
 def test_two_lasers_at_once_are_none():

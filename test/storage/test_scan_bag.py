@@ -12,6 +12,7 @@ from ivfmc_ros.errors import CellError
 from ivfmc_ros.storage import cdr
 from ivfmc_ros.storage import messages
 from ivfmc_ros.storage.bag_writer import BagWriter
+from ivfmc_ros.storage.matching import MatchSettings
 from ivfmc_ros.storage.scan_bag import read_scan
 
 SECOND = 1_000_000_000
@@ -87,11 +88,93 @@ def test_dark_and_changing_pictures_are_counted_and_left_out(write_bag):
             bag.laser_state(stamp + 5_000_000, {'laser': False})
 
     scan = read_scan(write_bag(before=before))
-    assert scan.skipped == {'laser off': 2, 'laser changed': 1}
+    assert scan.skipped == {'lasers not known': 1, 'laser changed': 1, 'laser off': 1}
     assert scan.frame_count == 2
     frames = list(scan.frames())
     assert [frame.seq for frame in frames] == [0, 1]
     np.testing.assert_allclose([frame.angle for frame in frames], [0.1, 0.2])
+
+
+def cloud(stamp, values):
+    """Return a cloud of one point with these fields, all float32 but for the numbers."""
+    kinds = {'view': ('<u2', 4), 'seq': ('<u4', 6), 'laser': ('u1', 2)}
+    values = {'x': 0.0, 'laser': 0, **values}
+    record = np.zeros(1, dtype=[(name, kinds.get(name, ('<f4', 7))[0]) for name in values])
+    for name, value in values.items():
+        record[name] = value
+    fields = [
+        cdr.message(
+            'sensor_msgs/msg/PointField',
+            name=name,
+            offset=record.dtype.fields[name][1],
+            datatype=kinds.get(name, ('<f4', 7))[1],
+            count=1,
+        )
+        for name in values
+    ]
+    return cdr.message(
+        messages.POINT_CLOUD,
+        header=cdr.header(stamp, 'turntable'),
+        height=1,
+        width=1,
+        fields=fields,
+        is_bigendian=False,
+        point_step=record.itemsize,
+        row_step=record.itemsize,
+        data=record.view(np.uint8),
+        is_dense=True,
+    )
+
+
+def test_foreign_clouds_called_profile_are_not_heeded(tmp_path, camera, picture):
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.camera_info(START, camera)
+        bag.joint_state(START, 'turntable_joint', 0.0)
+        bag.image(START, picture(0))
+        bag.raw('profile', messages.POINT_CLOUD, cdr.encode(cloud(START, {})), START)
+    assert read_scan(tmp_path / 'bag').frame_count == 1
+
+
+def test_recorded_profiles_say_which_pictures_are_which(tmp_path, camera, picture):
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.camera_info(START, camera)
+        for index in range(5):
+            stamp = START + index * STEP
+            bag.joint_state(stamp, 'turntable_joint', 0.1 * index)
+            bag.image(stamp, picture(index))
+            if index in (1, 3):
+                values = {'view': 10 + index, 'angle': 0.2 + index, 'speed': 0.5, 'seq': index}
+                data = cdr.encode(cloud(stamp, values))
+                bag.raw('profile', messages.POINT_CLOUD, data, stamp)
+    scan = read_scan(tmp_path / 'bag')
+    assert scan.skipped == {'no profile when recorded': 3}
+    frames = list(scan.frames())
+    assert [(f.view, f.seq, f.stamp_ns - START) for f in frames] == [
+        (11, 0, STEP),
+        (13, 1, 3 * STEP),
+    ]
+    np.testing.assert_allclose([f.angle for f in frames], [1.2, 3.2], atol=1e-6)
+    assert [f.speed for f in frames] == [0.5, 0.5]
+    # who names rules of his own has every picture judged by them
+    assert read_scan(tmp_path / 'bag', matching=MatchSettings()).frame_count == 5
+
+
+def test_dark_picture_goes_with_those_of_its_stand(tmp_path, camera, picture):
+    lit = {0: False, 1: True, 2: True, 4: True}
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.camera_info(START, camera)
+        for index in range(5):
+            stamp = START + index * STEP
+            bag.joint_state(stamp, 'turntable_joint', 0.0 if index < 3 else 0.5)
+            if index in lit:
+                bag.laser_state(stamp, {'laser': lit[index]})
+                bag.image(stamp, picture(index))
+    scan = read_scan(tmp_path / 'bag', matching=MatchSettings(dark=True, settle=0.0))
+    first, second, third = scan.frames()
+    np.testing.assert_array_equal(first.dark, picture(0))
+    np.testing.assert_array_equal(second.dark, picture(0))
+    assert third.dark is None
+    assert all(frame.dark is None for frame in read_scan(tmp_path / 'bag').frames())
 
 
 def test_scan_that_is_all_dark_is_refused(write_bag):

@@ -9,10 +9,10 @@ from ivfmc_ros.storage import cdr
 from ivfmc_ros.storage import messages
 from ivfmc_ros.storage.catalogue import Catalogue
 from ivfmc_ros.storage.live_recorder import LiveRecorder
-from ivfmc_ros.storage.live_recorder import Mark
 from ivfmc_ros.storage.live_recorder import PART_NAME
 from ivfmc_ros.storage.point_clouds import POINT
 from ivfmc_ros.storage.point_clouds import TYPES
+from ivfmc_ros.storage.profile_head import ProfileHead
 from ivfmc_ros.storage.stored_scan import stored_profiles
 
 TOPIC = '/ivfmc/profile'
@@ -52,7 +52,7 @@ def cloud(seq, points=4):
 
 
 def mark(seq):
-    return Mark(seq=seq, view=1, laser=1, angle=0.1 * seq, points=4, stamp_ns=START + seq)
+    return ProfileHead(seq=seq, view=1, laser=1, angle=0.1 * seq, points=4, stamp_ns=START + seq)
 
 
 @pytest.fixture

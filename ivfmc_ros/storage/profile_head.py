@@ -7,16 +7,11 @@ import math
 import struct
 from typing import Any
 
-from sensor_msgs.msg import PointField
-
 from ivfmc_ros.errors import MessageError
+from ivfmc_ros.storage import cdr
 
-_FORMATS = {
-    PointField.UINT8: 'B',
-    PointField.UINT16: 'H',
-    PointField.UINT32: 'I',
-    PointField.FLOAT32: 'f',
-}
+# by the numbers of sensor_msgs/PointField: UINT8, UINT16, UINT32, FLOAT32
+_FORMATS = {2: 'B', 4: 'H', 6: 'I', 7: 'f'}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +21,7 @@ class ProfileHead:
 
     angle : radians, provisional in continuous motion
     points : on the stripe; a profile without any is one NaN point in its message
+    speed : of the table, radians per second; 0 where it stood, or where nobody says
     """
 
     seq: int
@@ -34,6 +30,7 @@ class ProfileHead:
     angle: float
     points: int
     stamp_ns: int
+    speed: float = 0.0
 
 
 def read_head(cloud: Any) -> ProfileHead:
@@ -53,8 +50,9 @@ def read_head(cloud: Any) -> ProfileHead:
         view=int(_value(cloud, fields, 'view')),
         laser=int(_value(cloud, fields, 'laser')),
         angle=float(_value(cloud, fields, 'angle')),
+        speed=float(_value(cloud, fields, 'speed')) if 'speed' in fields else 0.0,
         points=cloud.width * cloud.height if not math.isnan(x) else 0,
-        stamp_ns=cloud.header.stamp.sec * 1_000_000_000 + cloud.header.stamp.nanosec,
+        stamp_ns=cdr.stamp_ns(cloud),
     )
 
 
