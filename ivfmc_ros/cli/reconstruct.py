@@ -113,15 +113,9 @@ def open_bag(bag: Path, cell_path: Path | None, camera_path: Path | None) -> tup
     draft = load_draft(path)
     camera = None if camera_path is None else load_camera(camera_path)
     names = [laser.name for laser in draft.lasers]
-    scan = read_scan(bag, lasers=names, camera=camera)
-    return scan, draft.complete(scan.camera, str(path))
-=======
     dark = bool(load_parameters(folder).get('dark_frames'))
     scan = read_scan(bag, lasers=names, camera=camera, dark=dark)
-    cell = draft.complete(scan.camera, str(path))
-    with progress_bars() as progress:
-        made = run(cell, scan.frames(), settings, scan.frame_count, progress)
-    return made, cell, scan.skipped
+    return scan, draft.complete(scan.camera, str(path))
 
 
 def _from_catalogue(
@@ -157,8 +151,6 @@ def say(output: Path, document: Mapping[str, Any]) -> None:
             f'{placed["name"]} placed on {", ".join(placed["onto"])}: {placed["overlap"]:.0%} '
             f'overlap, rms {placed["rms"] * 1e3:.4f} mm, 1 sigma {placed["sigma"] * 1e3:.4f} mm'
         )
-    for name in ('mesh.stl', 'mesh.png', 'cloud.png', 'stripes.png', 'report.json'):
-=======
     for name in ('mesh.stl', 'mesh.png', 'cloud.png', 'stripes.png', 'report.html', 'report.json'):
         if (output / name).exists():
             console.print(str(output / name), soft_wrap=True, highlight=False)
