@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Poses of views as messages and back."""
 
+from collections.abc import Mapping
 from collections.abc import Sequence
 from typing import Any
 
@@ -23,7 +24,12 @@ from ivfmc_ros.nodes.stamps import header
 
 def from_poses(views: Sequence[View], poses: Poses, stamp_ns: int) -> PoseArray:
     """Return the corrections: that of view number i at place i, identity where there is none."""
-    by_number = {view.number: T for view, T in zip(views, poses.turntable_from_view, strict=True)}
+    placed = zip(views, poses.turntable_from_view, strict=True)
+    return from_placed({view.number: T for view, T in placed}, stamp_ns)
+
+
+def from_placed(by_number: Mapping[int, Floats], stamp_ns: int) -> PoseArray:
+    """Return the (4, 4) corrections of views by their numbers; identity where there is none."""
     count = max(by_number, default=-1) + 1
     placed = [_pose(by_number.get(number, np.eye(4))) for number in range(count)]
     return PoseArray(header=header(stamp_ns, FRAME), poses=placed)

@@ -24,6 +24,7 @@ from ivfmc_ros.model import View
 from ivfmc_ros.nodes import clouds
 from ivfmc_ros.nodes import jobs
 from ivfmc_ros.nodes import poses
+from ivfmc_ros.nodes.arrivals import Arrivals
 from ivfmc_ros.nodes.base import CellNode
 from ivfmc_ros.nodes.base import run
 from ivfmc_ros.nodes.cell_source import CellSource
@@ -51,6 +52,7 @@ class Registrar(CellNode):
         self._source = CellSource(self)
         self._profiles: dict[int, Profile] = {}
         self._stamp_ns = 0
+        self._arrivals = Arrivals()
         self._busy = False
         self._worker = Worker()
         self.changed(self._change)
@@ -77,12 +79,33 @@ class Registrar(CellNode):
         if profile.seq == 0 and self._profiles:
             # seq 0 begins a scan, whoever forgot to say so
             self._profiles.clear()
+            self._arrivals = Arrivals()
         self._profiles[profile.seq] = profile
         self._stamp_ns = max(self._stamp_ns, profile.stamp_ns) if profile.seq else profile.stamp_ns
+        if self.get('registration') == 'joint' and self._arrivals.add(profile):
+            self.executor.create_task(self._place)
+
+    async def _place(self) -> None:
+        """Place the views that have ended, one after the other; the joint solution comes later."""
+        arrivals = self._arrivals
+        if not self._source.complete or not arrivals.begin():
+            return
+        try:
+            while profiles := arrivals.next():
+                cell, settings = self._source.cell(), self._settings()
+                await self.in_thread(arrivals.place, cell, settings, profiles)
+                if arrivals is self._arrivals and not self._busy:
+                    self._poses.publish(poses.from_placed(arrivals.poses, self._stamp_ns))
+            self.health.clear('placing')
+        except Exception as error:  # it is a first look; registering tells all
+            self.trouble('placing', error)
+        finally:
+            arrivals.end()
 
     def _reset(self) -> Mapping[str, Any]:
         dropped = len(self._profiles)
         self._profiles = {}
+        self._arrivals = Arrivals()
         self._source.reload()
         return {'dropped_profiles': dropped}
 
@@ -92,6 +115,7 @@ class Registrar(CellNode):
         return {'cancelled': self._busy}
 
     async def _merge(self) -> Mapping[str, Any]:
+        self._arrivals = Arrivals()
         made = await self._work(
             jobs.merge_scans, self.get('scan_root'), self.get('merge'), self._settings()
         )
@@ -115,6 +139,8 @@ class Registrar(CellNode):
         if not self._profiles:
             topic = self.resolve_topic_name('profile')
             raise NoStripeError(f'registrar: no profile has come on {topic} since the last reset')
+        # what is being placed must not come after what is final
+        self._arrivals = Arrivals()
         profiles = [self._profiles[seq] for seq in sorted(self._profiles)]
         made = await self._work(jobs.register, self._source.cell(), profiles, self._settings())
         self._publish(made.views, made.poses, self._stamp_ns)
@@ -140,7 +166,14 @@ class Registrar(CellNode):
         count, missing = len(self._profiles), _missing(self._profiles)
         message = f'{missing} profiles are missing' if missing else ''
         level = Level.WARN if missing else Level.OK
-        self.status(level, message, profiles=count, scan_id=self.get('scan_id'), busy=self._busy)
+        self.status(
+            level,
+            message,
+            profiles=count,
+            placed=len(self._arrivals.poses),
+            scan_id=self.get('scan_id'),
+            busy=self._busy,
+        )
 
 
 def _missing(profiles: Mapping[int, Profile]) -> int:

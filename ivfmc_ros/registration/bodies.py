@@ -16,6 +16,7 @@ from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
 from ivfmc_ros.registration.patches import fit_patches
+from ivfmc_ros.registration.patches import joined
 from ivfmc_ros.registration.patches import Patches
 from ivfmc_ros.registration.samples import common_edge
 from ivfmc_ros.registration.samples import sample
@@ -54,13 +55,7 @@ class Body:
 
     def moved(self, T: Floats) -> 'Body':
         """Return the body moved by a rigid (4, 4) matrix."""
-        R = T[:3, :3]
-        patches = replace(
-            self.patches,
-            points_xyz=transforms.apply(T, self.patches.points_xyz),
-            normals=self.patches.normals @ R.T,
-        )
-        return replace(self, patches=patches, sight=self.sight @ R.T)
+        return replace(self, patches=self.patches.posed(T), sight=self.sight @ T[:3, :3].T)
 
     def thinned(self, edge: float) -> 'Body':
         """Return one patch for each cube of ``edge`` metres."""
@@ -70,7 +65,7 @@ class Body:
 
     def chosen(self, which: Ints) -> 'Body':
         """Return some of the patches."""
-        return replace(self, patches=_chosen(self.patches, which), sight=self.sight[which])
+        return replace(self, patches=self.patches.chosen(which), sight=self.sight[which])
 
 
 def bodies_of(clampings: Sequence[Clamping]) -> tuple[list[Body], float]:
@@ -97,7 +92,7 @@ def together(bodies: Sequence[Body]) -> Body:
     """Return several bodies as one."""
     return Body(
         name=' and '.join(body.name for body in bodies),
-        patches=_joined([body.patches for body in bodies]),
+        patches=joined([body.patches for body in bodies]),
         sight=np.concatenate([body.sight for body in bodies]),
     )
 
@@ -122,15 +117,3 @@ def _sight(cell: Cell, view: View) -> Floats:
     eye = cell.turntable.to_part(np.zeros((1, 3)), 0.0)
     eyes = np.concatenate([eye @ R.T for R in transforms.rotation_z(-view.angles)])
     return np.asarray((eyes[None] - view.points_xyz)[view.valid])
-
-
-def _chosen(patches: Patches, which: Ints) -> Patches:
-    names = ('points_xyz', 'normals', 'sigma', 'sample', 'members', 'weights')
-    return Patches(**{name: getattr(patches, name)[which] for name in names})
-
-
-def _joined(parts: Sequence[Patches]) -> Patches:
-    names = ('points_xyz', 'normals', 'sigma', 'sample', 'members', 'weights')
-    return Patches(
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    )

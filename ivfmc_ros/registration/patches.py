@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Small pieces of surface: a point, a normal, and how well both are known."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import replace
 from functools import cached_property
@@ -9,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ivfmc_ros.cell import transforms
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
@@ -22,6 +24,7 @@ _SLIM = 0.08
 # A patch this much rougher than usual lies on an edge.
 _ROUGH = 3.0
 _CHUNK = 20_000
+_ARRAYS = ('points_xyz', 'normals', 'sigma', 'sample', 'members', 'weights')
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -50,6 +53,18 @@ class Patches:
         """A k-d tree of the points."""
         return cKDTree(self.points_xyz)
 
+    def posed(self, T: Floats) -> 'Patches':
+        """Return the patches moved by a rigid (4, 4) matrix."""
+        return replace(
+            self,
+            points_xyz=transforms.apply(T, self.points_xyz),
+            normals=self.normals @ T[:3, :3].T,
+        )
+
+    def chosen(self, which: Ints | Bools) -> 'Patches':
+        """Return some of the patches."""
+        return Patches(**{name: getattr(self, name)[which] for name in _ARRAYS})
+
     def moved(self, offset: Floats) -> 'Patches':
         """Return the patches with (n, 3) metres added to their points."""
         return replace(self, points_xyz=self.points_xyz + offset)
@@ -72,7 +87,8 @@ def fit_patches(samples: Samples, edge: float) -> Patches:
     rough = np.concatenate([part[1] for part in parts])
     kept = np.concatenate([part[2] for part in parts])
     usual = np.median(rough[kept]) if kept.any() else 0.0
-    return _joined([part[0] for part in parts], kept & (rough <= _ROUGH * usual + 1e-9))
+    sound = kept & (rough <= _ROUGH * usual + 1e-9)
+    return joined([part[0] for part in parts]).chosen(sound)
 
 
 def _fit(
@@ -135,10 +151,11 @@ def _quadric(local: Floats, window: Floats) -> tuple[Floats, Floats, Floats]:
     return solver[:, 0], coefficients[:, 1:3], rough
 
 
-def _joined(parts: list[Patches], kept: Bools) -> Patches:
-    names = ('points_xyz', 'normals', 'sigma', 'sample', 'members', 'weights')
-    whole = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    return Patches(**{name: values[kept] for name, values in whole.items()})
+def joined(parts: Sequence[Patches]) -> Patches:
+    """Return all patches in one; samples and members stay those of each view."""
+    return Patches(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS}
+    )
 
 
 def _none() -> Patches:

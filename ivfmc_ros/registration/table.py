@@ -75,6 +75,37 @@ def joint_poses(
     return table.judged()
 
 
+def place_on(
+    known: Patches,
+    view: Patches,
+    edge: float,
+    number: int,
+    prior: TablePrior,
+    reach: float,
+) -> tuple[Floats, Verdict]:
+    """
+    Place one view on surface that stays where it is.
+
+    view : its patches where it is expected; number : of the view, for the verdict
+    edge : metres, between patches; reach : metres, by how much it may be off
+    returns : the motion (4, 4) by which it was off, and its verdict
+    """
+    scene = Scene(patches=[known, view], slopes=None, edge=edge)
+    before = meetings(scene, np.tile(np.eye(4), (2, 1, 1)), reach)
+    alone = not before
+    table = _Table(
+        numbers=[-1, number],
+        scene=scene,
+        prior=prior,
+        reach=reach,
+        before=before,
+        reference=np.array([True, alone]),
+        alone=np.array([alone, alone]),
+    )
+    poses, verdicts = table.judged()
+    return poses.turntable_from_view[1], verdicts[1]
+
+
 def surface_patches(
     views: Sequence[View], most: int = MOST_SAMPLES
 ) -> tuple[list[Patches], float]:
