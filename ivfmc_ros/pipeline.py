@@ -38,6 +38,8 @@ from ivfmc_ros.registration.bodies import Clamping
 from ivfmc_ros.registration.merge import merge
 from ivfmc_ros.registration.merge import Merged
 from ivfmc_ros.registration.merge import require_one_cell
+from ivfmc_ros.registration.misfit import laser_misfit
+from ivfmc_ros.registration.misfit import Misfit
 from ivfmc_ros.registration.motion import Motion
 from ivfmc_ros.registration.motion import refit
 from ivfmc_ros.registration.refine import refine
@@ -104,6 +106,7 @@ class Reconstruction:
     settings : as used, with what was left to the data decided
     counts : how much of what each stage saw, kept and dropped
     seconds : of each stage
+    misfit : how far the lasers see the same surface apart; None if nothing can be compared
     refined : what the scan told of its cell; None if it was not asked
     merged : how several scans were brought together; None if it is one
     """
@@ -117,6 +120,7 @@ class Reconstruction:
     settings: Settings
     counts: dict[str, int]
     seconds: dict[str, float]
+    misfit: Misfit | None = None
     refined: Refined | None = None
     merged: Merged | None = None
 
@@ -135,8 +139,7 @@ def measure(
     :raises CellError: a picture has another size than the calibration
     """
     profiles: list[Profile] = []
-    acquisition = Acquisition(cell, settings.acquisition)
-    for _, profile in _measured(acquisition, frames, Stopwatch()):
+    for _, profile in _measured(Acquisition(cell, settings.acquisition), frames, Stopwatch()):
         profiles.append(profile)
         progress('profiles', len(profiles), max(total, len(profiles)))
     return profiles
@@ -218,6 +221,7 @@ def _rebuilt(
         if refined is not None:
             cell, views = refined.cell, refined.views
         poses, verdicts = poses_of(cell, views, settings)
+        misfit = laser_misfit(views, poses)
     with watch.stage('meshing'):
         progress('meshing', 0, 1)
         mesh, max_edge = mesh_of(cell, views, poses, settings)
@@ -233,6 +237,7 @@ def _rebuilt(
         settings=replace(settings, max_edge=max_edge),
         counts=counts,
         seconds=watch.seconds,
+        misfit=misfit,
         refined=refined,
     )
 
@@ -241,9 +246,8 @@ def clamping_of(
     name: str, cell: Cell, profiles: Sequence[Profile], settings: Settings
 ) -> Clamping:
     """
-    Return a scan with its views at their places, to be merged with others of the same part.
+    Return a scan, named for messages, with its views at their places, to be merged with others.
 
-    name : of the scan, for messages
     :raises NoStripeError: no profile has a point
     """
     _require_stripe(profiles)
@@ -292,6 +296,7 @@ def join(
             'faces': len(mesh.faces),
         },
         seconds=watch.seconds,
+        misfit=laser_misfit(merged.views, merged.poses),
         merged=merged,
     )
 

@@ -65,6 +65,8 @@ def write_results(
             'mesh': mesh_figures(made.mesh),
             'residuals': report.residuals(cell, made.views, made.verdicts),
         }
+        if made.misfit is not None:
+            document['lasers'] = asdict(made.misfit)
         if made.refined is not None:
             document['refined'] = refinement(made.refined)
             save_cell(target / 'cell.yaml', made.refined.cell)

@@ -146,6 +146,8 @@ def say(output: Path, document: Mapping[str, Any]) -> None:
             f'{name} to CAD: rms {figures["rms"] * 1e3:.4f} mm, '
             f'95 % within {figures["p95"] * 1e3:.4f} mm'
         )
+    if advice := document.get('lasers', {}).get('advice'):
+        console.print(advice)
     for placed in document.get('merge', [])[1:]:
         console.print(
             f'{placed["name"]} placed on {", ".join(placed["onto"])}: {placed["overlap"]:.0%} '

@@ -22,6 +22,8 @@ from ivfmc_ros.registration.align import Verdict
 from ivfmc_ros.registration.merge import merge
 from ivfmc_ros.registration.merge import require_one_cell
 from ivfmc_ros.registration.merge import require_several
+from ivfmc_ros.registration.misfit import laser_misfit
+from ivfmc_ros.registration.misfit import Misfit
 from ivfmc_ros.registration.motion import Motion
 from ivfmc_ros.results import merging
 from ivfmc_ros.stopwatch import Stopwatch
@@ -36,6 +38,7 @@ class Registered:
     poses: Poses
     verdicts: list[Verdict]
     motions: list[Motion]
+    misfit: Misfit | None
     counts: dict[str, int]
     seconds: dict[str, float]
 
@@ -71,11 +74,13 @@ def register(cell: Cell, profiles: Sequence[Profile], settings: pipeline.Setting
         views, motions, counts = pipeline.views_of(cell, profiles, settings)
     with watch.stage('registration'):
         poses, verdicts = pipeline.poses_of(cell, views, settings)
+        misfit = laser_misfit(views, poses)
     return Registered(
         views=views,
         poses=poses,
         verdicts=verdicts,
         motions=motions,
+        misfit=misfit,
         counts={'profiles': len(profiles), 'views': len(views), **counts},
         seconds=watch.seconds,
     )

@@ -150,6 +150,7 @@ class Registrar(CellNode):
             'views': [_summary(view) for view in made.views],
             'verdicts': [asdict(verdict) for verdict in made.verdicts],
             'motions': [asdict(motion) for motion in made.motions],
+            'lasers': asdict(made.misfit) if made.misfit else None,
             'counts': made.counts,
             'seconds': made.seconds,
         }

@@ -57,10 +57,15 @@ def sample(view: View, edge: float) -> Samples:
     """
     Return the means of a view's points over cubes of ``edge`` metres.
 
-    :raises GeometryError: a point is farther away than any table
+    :raises GeometryError: a point is farther away than any table, or partly not a number
     """
     valid = view.valid
     points = view.points_xyz[valid]
+    if not np.isfinite(points).all():
+        raise GeometryError(
+            f'view {view.number}: has points of which some coordinates are not finite; what is '
+            'not measured is NaN in all three'
+        )
     if len(points) and not np.abs(points).max() < _FARTHEST:
         raise GeometryError(
             f'view {view.number}: has points farther than {_FARTHEST:.0f} m from the table; '

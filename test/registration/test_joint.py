@@ -159,3 +159,11 @@ def test_points_in_millimetres_are_refused():
     with pytest.raises(GeometryError, match='view 1: has points farther than 100 m'):
         far = replace(block(1), points_xyz=1e4 * block().points_xyz)
         align([block(0), far], 'joint')
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf])
+def test_point_that_is_only_partly_a_number_is_refused_by_name(value):
+    views = [block(0), block(1, offset=1e-3)]
+    views[1].points_xyz[40, 50, 2] = value
+    with pytest.raises(GeometryError, match='view 1: has points of which some coordinates'):
+        align(views, 'joint')

@@ -1,0 +1,52 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from surfaces import block
+from surfaces import empty
+
+from ivfmc_ros.model import Poses
+from ivfmc_ros.registration.misfit import laser_misfit
+
+
+def two_lasers(apart):
+    """The same surface as two lasers see it, the second by so many metres higher."""
+    rng = np.random.default_rng(1)
+    views = [block(0), replace(block(1, offset=1e-4), laser=1)]
+    return [
+        replace(
+            view,
+            points_xyz=view.points_xyz
+            + 1e-5 * rng.standard_normal(view.points_xyz.shape)
+            + (0.0, 0.0, apart * view.laser),
+        )
+        for view in views
+    ]
+
+
+def test_lasers_that_fit_give_no_advice():
+    found = laser_misfit(two_lasers(0.0), Poses.identity(2))
+    assert found.rms < 2.0 * found.noise
+    assert found.pieces > 1000
+    assert found.advice == ''
+
+
+def test_lasers_that_see_two_objects_are_to_be_calibrated():
+    found = laser_misfit(two_lasers(1e-4), Poses.identity(2))
+    assert found.rms == pytest.approx(9e-5, rel=0.15)
+    assert 'calibrate the laser planes and the axis again' in found.advice
+
+
+def test_registered_views_are_judged_where_they_were_put():
+    poses = Poses.identity(2)
+    poses.turntable_from_view[1, 2, 3] = -1e-4
+    assert laser_misfit(two_lasers(1e-4), poses).advice == ''
+
+
+def test_one_laser_or_nothing_in_common_tells_nothing():
+    views = two_lasers(0.0)
+    assert laser_misfit([views[0], replace(views[1], laser=0)], Poses.identity(2)) is None
+    assert laser_misfit([views[0], empty(views[1])], Poses.identity(2)) is None
+    assert laser_misfit([], Poses.identity(0)) is None
