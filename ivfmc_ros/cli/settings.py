@@ -39,6 +39,9 @@ _OPTIONS = (
     click.option('--channel', default='auto', show_default=True,
                  help='Colours that measure the stripe, such as red or blue+red; auto takes '
                       'those that do not saturate.'),
+    click.option('--max-doubt', type=float, default=0.3, show_default=True,
+                 help='A stripe point whose place is in doubt by more than this share of the '
+                      "stripe's width is dropped; less keeps edges cleaner."),
     click.option('--noise', type=click.Path(path_type=Path),
                  help='noise.yaml of the camera.  [default: that of the bench cell]'),
     click.option('--min-contrast', type=float, default=0.01, show_default=True,
@@ -90,6 +93,7 @@ def settings_of(options: dict[str, Any]) -> Settings:
     extract = ExtractSettings(
         method=options['method'],
         channel=options['channel'],
+        max_doubt=options['max_doubt'],
         noise=None if options['noise'] is None else load_noise(options['noise']),
         min_contrast=options['min_contrast'],
     )

@@ -87,15 +87,15 @@ def log_gaussian(patches: Patches, noise: Noise) -> Estimate:
     used = patches.used * (signal > least)
     logarithm = np.log(np.maximum(signal, 1.0))
     bell = signal
-    for _ in range(_REWEIGHTINGS):
-        weight = used * bell**2 / noise.variance(patches.values, bell)
-        squares = (weight @ powers).T.astype(np.float64)
-        pull = ((weight * logarithm) @ powers[:, :3]).T.astype(np.float64)
-        covariance = symmetric.inverse(squares[symmetric.SUM])
-        c = symmetric.times(covariance, pull)
-        # the next weights by the fitted bell, which is not dark by chance (Guo 2011)
-        bell = np.exp(np.minimum((c.T.astype(np.float32) @ powers[:, :3].T), 12.0))
     with np.errstate(divide='ignore', invalid='ignore'):
+        for _ in range(_REWEIGHTINGS):
+            weight = used * bell**2 / noise.variance(patches.values, bell)
+            squares = (weight @ powers).T.astype(np.float64)
+            pull = ((weight * logarithm) @ powers[:, :3]).T.astype(np.float64)
+            covariance = symmetric.inverse(squares[symmetric.SUM])
+            c = symmetric.times(covariance, pull)
+            # the next weights by the fitted bell, which is not dark by chance (Guo 2011)
+            bell = np.exp(np.minimum((c.T.astype(np.float32) @ powers[:, :3].T), 12.0))
         c2 = np.where(c[2] < 0, c[2], np.nan)
         gradient = np.stack([np.zeros_like(c2), -0.5 / c2, 0.5 * c[1] / c2**2])
         sigma = symmetric.spread(covariance, gradient)

@@ -15,6 +15,10 @@ Estimator = Callable[[Patches, Noise], Estimate]
 
 DEFAULT = 'gaussian'
 
+# Their sigma is a share of the stripe's width wherever it is, not a matter of the picture: no
+# point is better than others, and no limit could leave the worse ones out.
+BLUNT = ('paper',)
+
 METHODS: dict[str, Estimator] = {
     'paper': classic.brightest,
     'centre_of_mass': classic.centre_of_mass,

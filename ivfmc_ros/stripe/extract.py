@@ -23,6 +23,7 @@ from ivfmc_ros.stripe import along
 from ivfmc_ros.stripe import path
 from ivfmc_ros.stripe import peaks
 from ivfmc_ros.stripe import trust
+from ivfmc_ros.stripe.estimators import BLUNT
 from ivfmc_ros.stripe.estimators import DEFAULT
 from ivfmc_ros.stripe.estimators import METHODS
 from ivfmc_ros.stripe.noise import Noise
@@ -69,12 +70,14 @@ def extract(
     part = Part.of(image, stripe, settings, region)
     rows, u, estimate = _estimates(part, settings)
     sigma = estimate.sigma
-    kept = sigma <= settings.max_error
+    known = np.zeros_like(sigma) if settings.method in BLUNT else sigma
+    kept = known <= settings.max_error
     if len(rows):
         kept &= estimate.width <= settings.max_widening * np.median(estimate.width)
     if settings.doubt:
-        sigma = np.hypot(sigma, trust.doubt(rows, u, estimate, settings.least_width))
-        kept &= sigma <= settings.max_doubt * estimate.width
+        doubt = trust.doubt(rows, u, estimate, settings.least_width)
+        sigma = np.hypot(sigma, doubt)
+        kept &= np.hypot(known, doubt) <= settings.max_doubt * estimate.width
     if settings.along and len(rows):
         u, sigma = along.smooth(rows, u, sigma, settings.along)
     u, rows = u + part.first[1], rows + part.first[0]

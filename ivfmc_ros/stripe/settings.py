@@ -20,7 +20,8 @@ class ExtractSettings:
     channel : auto (what does not saturate in the picture), or colours such as blue+red
     min_snr : least height of the stripe, in standard deviations of its own estimate
     min_contrast : least height of the stripe above its background, share of full scale
-    max_error : pixels; a point whose noise gives it a larger sigma is dropped
+    max_error : pixels; a point whose noise gives it a larger sigma is dropped (not by the method
+        paper, which is nowhere that sure)
     max_doubt : so is one whose sigma, with ``doubt``, is a larger share of the stripe's width
     window : half the window of the estimate, in sigmas of the stripe
     max_sigma : a stripe wider than this (sigma, pixels) is no stripe

@@ -55,17 +55,19 @@ def frames(folder):
 
 
 def platter_heights(cell, pictures, settings):
-    """Return the heights (metres) of stripe points over the platter's mean line."""
+    """Return the heights (metres) of points over the platter's mean line, by picture and row."""
     acquisition = Acquisition(cell, AcquisitionSettings(extract=settings, volume=PLATTER))
     acquisition.prepare(pictures)
-    points = np.concatenate([acquisition.profile(frame).points_xyz for frame in pictures])
+    profiles = [acquisition.profile(frame) for frame in pictures]
+    points = np.concatenate([profile.points_xyz for profile in profiles])
+    rows = [(profile.seq, row) for profile in profiles for row in profile.uv[:, 1]]
     # angle 0: the frame is turntable_base, and the platter is a line in it
     along = points[:, :2] @ _direction(points)
     inside = np.ones(len(points), dtype=bool)
     for _ in range(4):
         heights = points[:, 2] - np.polyval(np.polyfit(along[inside], points[inside, 2], 1), along)
         inside = np.abs(heights) < 3e-3
-    return heights[inside]
+    return {rows[k]: heights[k] for k in np.flatnonzero(inside)}
 
 
 def _direction(points):

@@ -121,6 +121,18 @@ def test_mask_hides_the_brighter_stripe():
     assert np.abs(extract(image, region=Region.of(mask)).uv[:, 0] - phases()).max() < 0.1
 
 
+def test_method_of_the_paper_finds_the_rows_and_admits_its_error():
+    u = phases()
+    found = extract(
+        picture(u, 2.0, np.random.default_rng(8), speckle=0.15),
+        settings=ExtractSettings(method='paper'),
+    )
+    error = found.uv[:, 0] - u[found.uv[:, 1].astype(int)]
+    assert len(found) > 0.95 * ROWS
+    # the nearest pixel is as uncertain in any row, which sigma overstates rather than not
+    assert 0.5 < error.std() / np.sqrt(np.mean(found.sigma**2)) < 1.25
+
+
 @pytest.mark.parametrize('left', [0, 25, 45, 70])
 def test_what_lies_outside_of_the_region_changes_nothing(left):
     # wherever the region begins, its surroundings are those of the picture
