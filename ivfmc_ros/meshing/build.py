@@ -22,6 +22,8 @@ from ivfmc_ros.registration.views import spacing
 
 # Points of one surface are at most this many point spacings apart.
 _REACH = 5.0
+# Of the spacing of the points: so fine that edges stay sharp; the filter of normals averages.
+_VOXEL = 0.6
 _FINEST = 2.0  # of the smaller spacing
 
 
@@ -39,7 +41,8 @@ def build_mesh(
     if settings.method == 'paper':
         mesh = join_views(cell, views, poses, reach)
     else:
-        voxel = settings.voxel or usual_voxel(views)
+        share = _VOXEL if settings.method == 'integrate' else 1.0
+        voxel = settings.voxel or share * usual_voxel(views)
         samples = sampling.from_views(cell, views, poses, settings.max_edge, voxel)
         if settings.method == 'poisson':
             mesh = poisson(samples, voxel, reach, settings)
@@ -62,7 +65,7 @@ def usual_edge(views: Sequence[View]) -> float:
 
 def usual_voxel(views: Sequence[View]) -> float:
     """
-    Return the spacing of the points of a view: each has a voxel's face to itself, metres.
+    Return the spacing of the points of a view, metres: the edge of a square for each.
 
     Where profiles are much farther apart than the points of one, it is not worth to blur these.
 

@@ -24,7 +24,7 @@ from ivfmc_ros.model import Singles
 
 RADIUS = 3  # voxels that a sample reaches
 _LEAST_WEIGHT = 1e-6  # of the mean sample's
-SPREAD = 0.85  # voxels, 1 sigma of its kernel
+SPREAD = 0.7  # voxels, 1 sigma of its kernel
 KERNEL: Floats = np.exp(-0.5 * (np.arange(-RADIUS, RADIUS + 1) / SPREAD) ** 2)
 KERNEL /= KERNEL.sum()
 

@@ -38,6 +38,7 @@ _NORMAL_NOISE = 1.4
 _LEAST_SAMPLES = 3
 # Gaps of twice as many voxels stay closed.
 _BRIDGED_RINGS = 3
+_FACING_DOWN = -0.5  # cosine
 # Mean of the kernel over a plane of samples, weighted by itself: one over how many voxels' worth
 # of samples are averaged.
 _MEAN_KERNEL = 1.0 / (np.sqrt(2.0 * np.pi) * field.SPREAD * 4.0 * np.pi * field.SPREAD**2)
@@ -84,14 +85,17 @@ def integrate(samples: Samples, voxel: float, settings: MeshSettings) -> Mesh:
     empty = fill.looked_through(grid, samples)
     coarse = fill.fill(blocks, sums, empty, settings.floor)
     net = nets.extract(*volume.whole_distance(blocks, measured, coarse, settings.floor))
-    shell = _shell(blocks, sums, weight, net)
+    shell = _shell(blocks, sums, weight, net, settings.floor)
     noise = np.nan_to_num(shell.sigma)[net.quads].max(axis=1) * (_NORMAL_NOISE / voxel)
     vertices = denoise.denoised(net.vertices, net.quads, noise, settings.smoothing)
     return _mesh(grid.points(vertices), net.quads, shell, settings)
 
 
-def _shell(blocks: Blocks, sums: field.Sums, weight: Singles, net: nets.Nets) -> _Shell:
+def _shell(
+    blocks: Blocks, sums: field.Sums, weight: Singles, net: nets.Nets, floor: float | None
+) -> _Shell:
     seen = volume.near_samples(blocks, sums.counts, net.cells)
+    level = None if floor is None else (floor - blocks.grid.origin[2]) / blocks.grid.voxel
     place = np.maximum(blocks.place(net.cells), 0)
     ones = np.ones(3)
     light, counts = (
@@ -103,21 +107,36 @@ def _shell(blocks: Blocks, sums: field.Sums, weight: Singles, net: nets.Nets) ->
     return _Shell(
         sigma=np.where(seen, sigma, np.nan).astype(np.float64),
         intensity=np.where(seen, intensity, np.nan).astype(np.float64),
-        kind=_kinds(net, seen),
+        kind=_kinds(net, seen, level),
     )
 
 
-def _kinds(net: nets.Nets, seen: Bools) -> Kinds:
+def _kinds(net: nets.Nets, seen: Bools, level: float | None) -> Kinds:
     """Tell what was measured, what lies below all that was, and what fills a hole."""
     measured = seen[net.quads].all(axis=1)
     kind = np.where(measured, MEASURED, FILLED).astype(np.uint8)
     covered = seen | ~_grown(net, ~_grown(net, seen, _BRIDGED_RINGS), _BRIDGED_RINGS)
     kind[covered[net.quads].all(axis=1) & ~measured] = BRIDGED
+    if level is not None:
+        kind[_foot(net, seen, level) & ~measured] = BRIDGED
     if measured.any():
         lowest = net.vertices[net.quads[measured], 2].min()
         low = (net.vertices[:, 2] < lowest + 1.0)[net.quads].all(axis=1)
         kind[low & (kind == FILLED)] = BASE
     return kind
+
+
+def _foot(net: nets.Nets, seen: Bools, level: float) -> Bools:
+    """Tell which quads go on with a wall that was seen to just above the platter, down to it."""
+    on_platter = ~seen & (np.abs(net.vertices[:, 2] - level) < 1.0)
+    below, above = [seen], [on_platter]
+    for _ in range(2 * _BRIDGED_RINGS):
+        below.append(_grown(net, below[-1], 1))
+        above.append(_grown(net, above[-1], 1))
+    # on the way from what was seen to the platter, if that is short enough
+    between = np.any([a & b for a, b in zip(below, reversed(above), strict=True)], axis=0)
+    upright = denoise.quad_normals(net.vertices, net.quads)[:, 2] > _FACING_DOWN
+    return np.asarray(upright & between[net.quads].all(axis=1))
 
 
 def _grown(net: nets.Nets, chosen: Bools, rings: int) -> Bools:

@@ -32,7 +32,7 @@ _SAME_ANGLE, _SAME_STEP = 1e-6, 0.2
 # A step that follows the line of sight as much as this (cosine) is a jump and not a surface.
 _ALONG_SIGHT = 0.97
 # Between points that many voxels apart the surface is not interpolated.
-_MOST_BETWEEN = 12
+_MOST_BETWEEN = 20
 # A curve is laid through two points whose normals differ by less than this (cosine).
 _SMOOTH = 0.8
 

@@ -21,7 +21,8 @@ class MeshSettings:
         surface; None for 5 point spacings
     close : what may be invented where nothing was seen: none (but gaps of up to 6 voxels are
         bridged), base (the standing face), all
-    voxel : edge of a voxel of integrate and poisson; None for the spacing of the points
+    voxel : edge of a voxel of integrate and poisson; None for 0.6 of the spacing of the points, of
+        poisson for all of it
     smoothing : rounds of bilateral normal filtering; 0 leaves the noise in
     decimate : how far the simplified mesh may be from the full one; 0 keeps all triangles
     island : a piece of surface with fewer triangles is dropped, and so is one that is less than
