@@ -127,24 +127,27 @@ class Blocks:
         """
         Convolve (blocks, 8, 8, 8) values with a symmetric kernel along each axis.
 
-        What lies outside the blocks is 0. One product of matrices an axis: the fastest way that
-        numpy has.
+        What lies outside the blocks is 0. One product of small matrices an axis: the fastest way
+        that numpy has.
         """
         radius = len(kernel) // 2
-        band = np.zeros((SIDE + 2 * radius, SIDE), dtype=np.float32)
+        span = SIDE + 2 * radius
+        band = np.zeros((SIDE, span), dtype=np.float32)
         for k in range(SIDE):
-            band[k : k + len(kernel), k] = kernel
+            band[k, k : k + len(kernel)] = kernel
+        count, shape = len(values), values.shape
         for axis in (2, 1, 0):
-            # the last axis of the array is ``axis``; after the turn it is the one before
+            first, last = SIDE**axis, SIDE ** (2 - axis)
+            values = values.reshape(count, first, SIDE, last)
+            padded = np.zeros((count, first, span, last), dtype=np.float32)
+            padded[:, :, radius : radius + SIDE] = values
             before, after = self.neighbour(axis, -1), self.neighbour(axis, 1)
-            padded = np.zeros((*values.shape[:3], SIDE + 2 * radius), dtype=np.float32)
-            padded[..., radius : radius + SIDE] = values
-            there = before >= 0
-            padded[there, ..., :radius] = values[before[there]][..., -radius:]
-            there = after >= 0
-            padded[there, ..., radius + SIDE :] = values[after[there]][..., :radius]
-            values = np.ascontiguousarray((padded @ band).transpose(0, 3, 1, 2))
-        return values
+            there = np.flatnonzero(before >= 0)
+            padded[there, :, :radius] = values[before[there], :, -radius:]
+            there = np.flatnonzero(after >= 0)
+            padded[there, :, radius + SIDE :] = values[after[there], :, :radius]
+            values = padded.reshape(-1, span) @ band.T if axis == 2 else band @ padded
+        return values.reshape(shape)
 
 
 def _fine(grid: Grid, size: int) -> tuple[int, int, int]:

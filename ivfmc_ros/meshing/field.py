@@ -56,9 +56,12 @@ def sum_up(blocks: Blocks, samples: Samples) -> Sums:
     scale = float(samples.weight.mean())
     weight = samples.weight / scale
 
+    filled, of_sample = np.unique(place, return_inverse=True)
+
     def total(values: Floats | None) -> Singles:
-        found = np.bincount(place, values, minlength=len(blocks) * SIDE**3)
-        return found.astype(np.float32).reshape(-1, SIDE, SIDE, SIDE)
+        sums = np.zeros((len(blocks), SIDE, SIDE, SIDE), dtype=np.float32)
+        sums.reshape(-1)[filled] = np.bincount(of_sample, values, minlength=len(filled))
+        return sums
 
     nx, ny, nz = (total(weight * samples.normals[:, k]) for k in range(3))
     x, y, z = (total(weight * at[:, k]) for k in range(3))

@@ -82,7 +82,10 @@ def _coarse_distance(blocks: Blocks, sums: Sums, cell: int) -> Singles:
 def _gather(blocks: Blocks, values: Singles, cell: int) -> Singles:
     """Sum (blocks, 8, 8, 8) values over coarse cells, as a dense (x, y, z) array."""
     n = SIDE // cell
-    pooled = values.reshape(-1, n, cell, n, cell, n, cell).sum(axis=(2, 4, 6))
+    # along the rows by a product, which is far faster; what is left is small
+    ends = np.repeat(np.eye(n, dtype=np.float32), cell, axis=0)
+    rows = (values.reshape(-1, SIDE) @ ends).reshape(-1, n, cell, n, cell, n)
+    pooled = rows.sum(axis=(2, 4))
     i, j, k = blocks.grid.shape
     dense = np.zeros((i, n, j, n, k, n), dtype=np.float32)
     a, b, c = blocks.index.T

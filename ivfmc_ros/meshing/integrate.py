@@ -42,8 +42,8 @@ _FACING_DOWN = -0.5  # cosine
 # Mean of the kernel over a plane of samples, weighted by itself: one over how many voxels' worth
 # of samples are averaged.
 _MEAN_KERNEL = 1.0 / (np.sqrt(2.0 * np.pi) * field.SPREAD * 4.0 * np.pi * field.SPREAD**2)
-# A closed piece of which less was seen is an artefact.
-_LEAST_SEEN = 0.1
+# A closed piece beside the largest of which less was seen is a flying scrap, grown to a body.
+_LEAST_SEEN = 0.3
 # A piece of a smaller share of the whole is a stray one.
 _STRAY = 0.002
 # Diagonals whose halves are bent alike within this (cosine) are chosen by their length.
@@ -186,9 +186,10 @@ def _solid_pieces(quads: Ints, kind: Kinds, vertices: int, least: int) -> Bools:
         return np.zeros(0, dtype=bool)
     piece = topology.pieces(quads, vertices)
     size = np.bincount(piece)
-    seen = np.bincount(piece, kind == MEASURED)
+    seen = np.bincount(piece, kind == MEASURED) / np.maximum(size, 1)
     least = max(least, int(_STRAY * len(quads)))
-    return np.asarray(((size >= least) & (seen >= _LEAST_SEEN * size))[piece])
+    wanted = np.where(size == size.max(), 0.0, _LEAST_SEEN)
+    return np.asarray(((size >= least) & (seen >= wanted))[piece])
 
 
 def _halves(vertices_xyz: Floats, quads: Ints) -> Ints:

@@ -3,12 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-import open3d as o3d
 import pytest
-from synthetic import small_cell
-from synthetic import Sphere
-from synthetic import sphere_profiles
-import trimesh
+from spoilt import CELL
+from spoilt import SPHERE
+from spoilt import spoilt
+from spoilt import unsound
+from spoilt import views
 
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.errors import ParameterError
@@ -18,33 +18,7 @@ from ivfmc_ros.meshing.topology import boundary_loops
 from ivfmc_ros.model import FILLED
 from ivfmc_ros.model import MEASURED
 from ivfmc_ros.model import Poses
-from ivfmc_ros.registration.views import assemble
 from ivfmc_ros.registration.views import without
-
-CELL = small_cell()
-SPHERE = Sphere(np.array([0.004, 0.002, 0.03]), 0.025)
-STEPS = 90
-
-
-def views(count=2, steps=STEPS):
-    return [
-        assemble(CELL, sphere_profiles(CELL, SPHERE, steps, laser=k, view=k))[0]
-        for k in range(count)
-    ]
-
-
-def spoilt(view, seed):
-    """Noise, single points that fly, and holes."""
-    rng = np.random.default_rng(seed)
-    noise = rng.normal(scale=0.04e-3, size=view.points_xyz.shape)
-    flying = rng.random(view.valid.shape) < 0.002
-    noise[flying] += rng.normal(scale=1.5e-3, size=(int(flying.sum()), 3))
-    rows, columns = np.indices(view.valid.shape)
-    gone = rng.random(view.valid.shape) < 0.03
-    for _ in range(4):
-        row, column = rng.integers(0, view.valid.shape[0]), rng.integers(0, view.valid.shape[1])
-        gone |= (np.abs(rows - row) < 25) & (np.abs(columns - column) < 4)
-    return without(replace(view, points_xyz=view.points_xyz + noise), gone & view.valid)
 
 
 def edge_counts(mesh):
@@ -53,18 +27,7 @@ def edge_counts(mesh):
 
 
 def require_sound(mesh, *, closed):
-    """2-manifold, oriented, without degenerate or intersecting faces, judged by libraries."""
-    legacy = o3d.geometry.TriangleMesh(
-        o3d.utility.Vector3dVector(mesh.vertices_xyz), o3d.utility.Vector3iVector(mesh.faces)
-    )
-    assert legacy.is_edge_manifold(allow_boundary_edges=not closed)
-    assert legacy.is_vertex_manifold()
-    assert legacy.is_orientable()
-    read = trimesh.Trimesh(mesh.vertices_xyz * 1e3, mesh.faces, process=False)
-    assert read.is_winding_consistent
-    assert read.is_watertight is closed
-    assert read.area_faces.min() > 1e-9
-    assert len(legacy.get_self_intersecting_triangles()) == 0
+    assert unsound(mesh, closed=closed) == []
 
 
 @pytest.fixture(scope='module')
