@@ -200,3 +200,15 @@ def apart(poses: Sequence[Floats], others: Sequence[Floats], scans: Sequence[Sca
         shift = transforms.apply(one, middle) - transforms.apply(other, middle)
         found.append((np.degrees(turn), np.linalg.norm(shift)))
     return np.array(found)
+
+
+def mean_poses(answers: Sequence[Sequence[Floats]], scans: Sequence[Scan]) -> list[Floats]:
+    """Return the mean of several answers, (4, 4) of each scan against the first one."""
+    means = []
+    for index, scan in enumerate(scans):
+        poses = np.array([transforms.invert(answer[0]) @ answer[index] for answer in answers])
+        R = Rotation.from_matrix(poses[:, :3, :3]).mean().as_matrix()
+        middle = scan.view.cloud().mean(axis=0)
+        placed = np.mean([transforms.apply(T, middle) for T in poses], axis=0)
+        means.append(transforms.rigid(R, placed - R @ middle))
+    return means

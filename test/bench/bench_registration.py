@@ -8,7 +8,6 @@ the seeds err: table, axis, laser plane, slips. One scan goes through rendered p
 """
 
 from collections.abc import Iterator
-from collections.abc import Sequence
 from dataclasses import replace
 import time
 
@@ -22,6 +21,7 @@ from registration_bunny import bunny_folder
 from registration_bunny import displaced
 from registration_bunny import Judge
 from registration_bunny import load_bunny
+from registration_bunny import mean_poses
 from registration_bunny import multiway
 from registration_bunny import ours
 from registration_cost import exponents
@@ -216,10 +216,12 @@ def bunny() -> Iterator[Number]:
         found, took = ours(scans, start)
         answers.append(found)
         seconds.append(took)
-    middle = answers[_most_central(answers, scans)]
+    middle = mean_poses(answers, scans)
     off = np.array([apart(answer, middle, scans).max(axis=0) for answer in answers])
     same = int(((off[:, 0] < 0.02) & (off[:, 1] < 2e-5)).sum())
-    note = f'all within {off[:, 0].max():.3f} degrees, {off[:, 1].max() * 1e3:.3f} mm'
+    note = (
+        f'all within {off[:, 0].max():.4f} degrees, {off[:, 1].max() * 1e3:.4f} mm of their mean'
+    )
     yield Number('bunny: starts that end in the same poses', same, '', at_least(19), note)
     ratio = judge.rms(middle) / judge.rms(theirs)
     note = f'ours {judge.rms(middle) * 1e3:.4f} mm, multiway {judge.rms(theirs) * 1e3:.4f} mm'
@@ -232,12 +234,3 @@ def bunny() -> Iterator[Number]:
         degrees, metres = apart(answer, conf, scans).max(axis=0)
         yield Number(f'bunny: {name} from bun.conf', degrees, 'deg')
         yield Number(f'bunny: {name} from bun.conf, centroid', metres * 1e3, 'mm')
-
-
-def _most_central(answers: Sequence[list[np.ndarray]], scans: Sequence) -> int:
-    """Return the answer from which most others are little apart."""
-    spread = [
-        np.median([apart(other, answer, scans)[:, 1].max() for other in answers])
-        for answer in answers[:5]
-    ]
-    return int(np.argmin(spread))
