@@ -4,8 +4,11 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextlib import nullcontext
 from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -26,13 +29,16 @@ from ivfmc_ros.nodes.stamps import nanoseconds
 from ivfmc_ros.simulation.bench import bench_cell
 from ivfmc_ros.simulation.parts import demo_part
 from ivfmc_ros.simulation.render import simulate_scan
+from ivfmc_ros.storage.bag_reader import open_bag
 
 PARTS = Path(__file__).with_name('graph_parts.py')
 # pictures a second, up to the first at which something is lost
-RATES = (20, 40, 60, 70, 80, 90, 100, 120, 150, 200)
+RATES = (30, 60, 80, 100, 120, 150, 200, 250, 300)
 SECONDS = 5.0
 FRAMES = 24
 EXPOSURE_S = 0.005
+# The last pictures of a trial are no older when they are profiles, where nothing piles up.
+BEHIND_MS = 250.0
 
 
 @dataclass(frozen=True)
@@ -45,10 +51,14 @@ class Trial:
     got: int
     gaps: int
     latency_ms: Any
+    in_bag: tuple[int, int] | None = None
 
     @property
     def complete(self) -> bool:
-        return self.got == self.sent and not self.gaps
+        """Whether every picture is a profile, in the bag if there is one, and none piled up."""
+        whole = self.got == self.sent and not self.gaps
+        recorded = self.in_bag in (None, (self.sent, self.sent))
+        return whole and recorded and np.median(self.latency_ms[-FRAMES:]) < BEHIND_MS
 
     @property
     def reached(self) -> float:
@@ -59,6 +69,7 @@ class Trial:
         return (
             f'asked {self.rate:g}/s, sent {self.reached:.1f}/s, {self.got} of {self.sent} '
             f'profiles, {self.gaps} gaps, latency {median:.1f} ms, 99 %: {late:.1f} ms'
+            + (f', in the bag {self.in_bag}' if self.in_bag else '')
         )
 
 
@@ -71,11 +82,12 @@ def run() -> Iterator[Number]:
         np.save(folder / 'frames.npy', np.stack([frame.image for frame in frames]))
         yield from bare(folder)
         yield from recorder_off(folder)
+        yield from recorder_on(folder)
 
 
 def bare(folder: Path) -> Iterator[Number]:
     """What a Python subscriber that does nothing takes in, of what a Python camera gives out."""
-    best = 0.0
+    reached = 0.0
     for rate in RATES:
         with (
             part('listener') as listener,
@@ -86,31 +98,47 @@ def bare(folder: Path) -> Iterator[Number]:
         print(f'bare: asked {rate}/s, sent {sent / took:.1f}/s, {got} of {sent} pictures')
         if got < sent:
             break
-        best = max(best, sent / took)
-    BEST['bare'] = best
-    yield Number('bare_subscriber', best, 'frames/s', None, 'a Python subscriber that only counts')
+        reached = max(reached, sent / took)
+    BEST['bare'] = reached
+    yield Number(
+        'bare_subscriber', reached, 'frames/s', None, 'a Python subscriber that only counts'
+    )
 
 
 def recorder_off(folder: Path) -> Iterator[Number]:
     trials = triangulated(folder)
-    best = max((t for t in trials if t.complete), key=lambda t: t.reached, default=None)
-    reached = best.reached if best else 0.0
+    reached = best(trials)
     yield Number('triangulator', reached, 'frames/s', at_least(60.0), 'no profile missing')
     share = reached / BEST['bare'] if BEST['bare'] else 0.0
     yield Number('share_of_bare', share, '', at_least(0.5), 'of what a bare subscriber reaches')
-    steady = [t for t in trials if t.complete and t.rate <= 60]
+    yield from latencies('latency', trials)
+
+
+def recorder_on(folder: Path) -> Iterator[Number]:
+    trials = triangulated(folder, recorded=True)
+    note = 'no profile missing, all pictures and profiles in the bag'
+    yield Number('with_recorder', best(trials), 'frames/s', at_least(30.0), note)
+    yield from latencies('latency_with_recorder', trials)
+
+
+def best(trials: list[Trial]) -> float:
+    return max((trial.reached for trial in trials if trial.complete), default=0.0)
+
+
+def latencies(name: str, trials: list[Trial]) -> Iterator[Number]:
+    """Of the fastest trial up to 60 pictures a second that lost nothing."""
+    steady = [trial for trial in trials if trial.complete and trial.rate <= 60]
     for trial in steady[-1:]:
         note = f'stamp to profile at {trial.rate:g} frames/s, lasers reported at 10 Hz'
-        yield Number(
-            'latency_median', float(np.percentile(trial.latency_ms, 50)), 'ms', None, note
-        )
-        yield Number('latency_p99', float(np.percentile(trial.latency_ms, 99)), 'ms', None, note)
+        for part, percent in (('median', 50), ('p99', 99)):
+            value = float(np.percentile(trial.latency_ms, percent))
+            yield Number(f'{name}_{part}', value, 'ms', None, note)
 
 
 BEST: dict[str, float] = {}
 
 
-def triangulated(folder: Path) -> list[Trial]:
+def triangulated(folder: Path, recorded: bool = False) -> list[Trial]:
     """The trials at rising rates, up to the first that loses something."""
     parameters = {'cell': str(folder / 'cell.yaml'), 'exposure': EXPOSURE_S}
     trials: list[Trial] = []
@@ -119,20 +147,41 @@ def triangulated(folder: Path) -> list[Trial]:
         profiles = client.collect(PointCloud2, 'profile')
         with (
             running('triangulator', **parameters),
+            running('recorder') if recorded else nullcontext(),
             part('source', folder / 'frames.npy', 'turning') as source,
         ):
-            client.until(lambda: client.node.count_subscribers('image_raw'), 20.0)
+            client.until(lambda: client.node.count_subscribers('image_raw') > recorded, 20.0)
             # to be found and to adapt takes a moment
             client.spin(2.0)
             for number, rate in enumerate(RATES):
                 assert client.set('triangulator', scan_id=f'trial {number}').successful
-                trials.append(trial(client, source, profiles, rate))
-                print(trials[-1])
-                if not trials[-1].complete:
+                if recorded:
+                    done = recorded_trial(client, source, profiles, rate, folder / f'{number}')
+                else:
+                    done = trial(client, source, profiles, rate)
+                print(done)
+                trials.append(done)
+                if not done.complete:
                     break
     finally:
         client.close()
     return trials
+
+
+def recorded_trial(
+    client: Client, source: Any, profiles: list[Any], rate: float, folder: Path
+) -> Trial:
+    folder.mkdir()
+    assert client.set('recorder', scan_folder=str(folder), scan_id=folder.name).successful
+    success, answer = client.trigger('recorder/start')
+    assert success, answer
+    done = trial(client, source, profiles, rate)
+    success, answer = client.trigger('recorder/stop')
+    assert success, answer
+    topics = open_bag(folder).topics
+    shutil.rmtree(folder)
+    counts = [topics[f'/ivfmc/{name}'].count for name in ('image_raw', 'profile')]
+    return replace(done, in_bag=(counts[0], counts[1]))
 
 
 def trial(client: Client, source: Any, profiles: list[Any], rate: float) -> Trial:
