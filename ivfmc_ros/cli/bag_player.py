@@ -180,7 +180,7 @@ class BagPlayer:
             stamp_ns = cdr.stamp_ns(message)
             data = cdr.encode(image_message(stamp_ns, decode_compressed(message, raw.topic)))
         elif track.picture:
-            stamp_ns = _stamp_ns(data)
+            stamp_ns = cdr.leading_stamp_ns(data)
         if track.picture and self._recorded:
             head = self._recorded.get(stamp_ns)
             if head is not None:
@@ -265,10 +265,3 @@ def _counts(text: str) -> dict[str, int]:
         if number.isdigit():
             found[name] = int(number)
     return found
-
-
-def _stamp_ns(data: bytes) -> int:
-    """Return the stamp of a message that begins with a header, from its CDR bytes."""
-    order = 'little' if data[1] & 1 else 'big'
-    seconds = int.from_bytes(data[4:8], order, signed=True)  # type: ignore[arg-type]
-    return seconds * cdr.NANOSECONDS + int.from_bytes(data[8:12], order)  # type: ignore[arg-type]

@@ -69,6 +69,8 @@ def scan_page(
 
 
 def _clouds(views: Sequence[View], poses: Poses) -> list[Picture]:
+    if not views:
+        return []
     before = [view.cloud() for view in views]
     posed = zip(before, poses.turntable_from_view, strict=True)
     after = [transforms.apply(T, cloud) for cloud, T in posed]

@@ -3,6 +3,7 @@
 """What a finished scan says of itself: ``report.json`` and pictures to look at."""
 
 from collections.abc import Mapping
+import json
 from pathlib import Path
 import subprocess
 import sys
@@ -24,30 +25,30 @@ def finish_scan(folder: Path, outcome: Outcome, document: Mapping[str, Any]) -> 
 
     :raises FileError: they cannot be written
     """
-    draw(folder)
-    write_report(
-        folder / REPORT,
-        {
-            **document,
-            'code': outcome.code,
-            'detail': outcome.detail,
-            'registration': outcome.registration,
-            'mesh': outcome.mesh,
-            'seconds': outcome.seconds,
-        },
-    )
+    figures = {
+        **document,
+        'code': outcome.code,
+        'detail': outcome.detail,
+        'registration': outcome.registration,
+        'mesh': outcome.mesh,
+        'seconds': outcome.seconds,
+    }
+    draw(folder, str(outcome.mesh.get('unit', 'mm')), figures)
+    write_report(folder / REPORT, figures)
 
 
-def draw(folder: Path) -> None:
+def draw(folder: Path, unit: str, figures: Mapping[str, Any]) -> None:
     """
-    Draw the mesh of a scan in a process of its own, which may hold the interpreter's lock.
+    Draw the mesh and write the page of a scan in a process, which may hold its interpreter's lock.
 
+    unit : of the mesh files
     :raises FileError: it could not be drawn
     """
-    command = [sys.executable, '-m', 'ivfmc_ros.scan.draw', str(folder)]
+    command = [sys.executable, '-m', 'ivfmc_ros.scan.draw', str(folder), unit]
+    given = json.dumps(figures)
     try:
         answer = subprocess.run(
-            command, capture_output=True, text=True, timeout=_PICTURE_S, check=False
+            command, input=given, capture_output=True, text=True, timeout=_PICTURE_S, check=False
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise FileError(f'{folder / PICTURE}: could not be drawn: {error}') from error

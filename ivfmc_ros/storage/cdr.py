@@ -11,6 +11,7 @@ from collections.abc import Callable
 from functools import cache
 import struct
 from typing import Any
+from typing import Literal
 
 from rosbags.serde import SerdeError
 from rosbags.typesys import get_types_from_idl
@@ -84,6 +85,13 @@ def stamp_ns(message: Any) -> int:
     """Return the stamp of a message's header in nanoseconds."""
     stamp = message.header.stamp
     return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+
+
+def leading_stamp_ns(data: bytes) -> int:
+    """Return the stamp, in nanoseconds, of an encoded message that begins with a header."""
+    order: Literal['little', 'big'] = 'little' if data[1] & 1 else 'big'
+    seconds = int.from_bytes(data[4:8], order, signed=True)
+    return seconds * NANOSECONDS + int.from_bytes(data[8:12], order)
 
 
 def encode(message: Any) -> bytes:

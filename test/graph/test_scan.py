@@ -43,6 +43,9 @@ def lasers_on(client):
 
 def deviation(answer):
     part = demo_part()
+    page = Path(answer['files']['report.html']).read_text()
+    assert 'cloud after registration' in page
+    assert 'with the stripe found' in page
     vertices, _ = read_own_stl(Path(answer['files']['mesh.stl']))
     distance = Surface(part.vertices_xyz, part.faces).signed_distance(vertices)
     return float(np.sqrt(np.median(distance**2)))

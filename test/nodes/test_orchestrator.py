@@ -63,7 +63,8 @@ def test_step_scan_with_a_foreign_table(client, fake, orchestrator, root):
     assert answer['counts']['profiles'] == 6
     assert answer['registration'] == {'said': 'registrar/register'}
     assert set(answer['files']) >= {'cell.yaml', 'camera.yaml', 'params.yaml', 'mesh.stl',
-                                    'mesh.png', 'report.json', 'job.json'}  # fmt: skip
+                                    'mesh.png', 'report.html', 'report.json',
+                                    'job.json'}  # fmt: skip
     assert fake.called == [
         'registrar/reset', 'recorder/start', 'registrar/register', 'mesher/build',
         'recorder/stop',
