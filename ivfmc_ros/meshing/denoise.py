@@ -19,6 +19,9 @@ from ivfmc_ros.model import Singles
 _ALIKE = 2.5
 _LEAST, _MOST = 0.06, 0.5  # radians, of the noise of a normal times _ALIKE
 _VERTEX_ROUNDS = 5
+# A corner that looks so far (cosine) from where its quad looked before is folded over.
+_FOLDED = 0.0
+_UNFOLDING_ROUNDS = 10
 
 
 def denoised(
@@ -35,7 +38,7 @@ def denoised(
         return vertices
     around = neighbours(quads)
     wanted = filtered_normals(quad_normals(vertices, quads), around, noise, rounds)
-    return _followed(vertices, quads, wanted, leash)
+    return unfolded(vertices, _followed(vertices, quads, wanted, leash), quads)
 
 
 def neighbours(quads: Ints) -> Ints:
@@ -92,6 +95,30 @@ def _followed(vertices: Floats, quads: Ints, normals: Singles, leash: float) -> 
         moved = moved + (at_vertex @ (normals * height) - _times(squares, moved)) / faces
         np.clip(moved, start - leash, start + leash, out=moved)
     return np.asarray(moved, dtype=np.float64)
+
+
+def unfolded(start: Floats, moved: Floats, quads: Ints) -> Floats:
+    """Put vertices back around quads that moving folded, until none is."""
+    before = quad_normals(start, quads)
+    moved = moved.copy()
+    for _ in range(_UNFOLDING_ROUNDS):
+        folded = _least_agreement(moved, quads, before) < _FOLDED
+        if not folded.any():
+            break
+        back = np.unique(quads[folded])
+        if (moved[back] == start[back]).all():
+            break
+        moved[back] = start[back]
+    return moved
+
+
+def _least_agreement(vertices: Floats, quads: Ints, normals: Floats) -> Floats:
+    """Return (m,) the least cosine between the corners of a quad and the normal given for it."""
+    corners = vertices[quads]
+    sides = np.roll(corners, -1, axis=1) - corners
+    across = np.cross(np.roll(sides, 1, axis=1), sides)
+    length = np.maximum(np.linalg.norm(across, axis=2), 1e-30)
+    return np.asarray(((across * normals[:, None]).sum(axis=2) / length).min(axis=1))
 
 
 def _times(squares: Singles, vectors: Singles) -> Singles:
