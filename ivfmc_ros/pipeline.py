@@ -48,7 +48,7 @@ from ivfmc_ros.registration.unknowns import require_groups
 from ivfmc_ros.stopwatch import Stopwatch
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
-from ivfmc_ros.stripe.sampling import SampledAcquisition
+from ivfmc_ros.stripe.followed import stream_of
 
 # So many pictures are kept to show what was found.
 _SHOWN_PICTURES = 12
@@ -321,7 +321,7 @@ def views_of(
 def _measured(
     acquisition: Acquisition, frames: Iterable[Frame], watch: Stopwatch
 ) -> Iterator[tuple[Frame, Profile]]:
-    stream = SampledAcquisition(acquisition)
+    stream = stream_of(acquisition)
     for frame in watch.each('read', frames):
         with watch.stage('acquisition'):
             measured = stream.add(frame)

@@ -41,7 +41,9 @@ def declare(node: ParameterNode) -> Callable[[], AcquisitionSettings]:
     _declare_choice(node)
     _declare_times(node)
     node.check(_refuse)
-    return node.settings(AcquisitionSettings(), ranges=_RANGES)
+    # space-time needs pictures that a live scan has not taken yet
+    only = ('extract.', 'volume.', 'noise_')
+    return node.settings(AcquisitionSettings(), ranges=_RANGES, only=only)
 
 
 def _declare_choice(node: ParameterNode) -> None:

@@ -31,6 +31,7 @@ from ivfmc_ros.stripe.extract import ExtractSettings
 from ivfmc_ros.stripe.extract import Stripe
 from ivfmc_ros.stripe.region import Region
 from ivfmc_ros.stripe.region import stripe_mask
+from ivfmc_ros.stripe.space_time import refine
 from ivfmc_ros.stripe.texture import coloured
 from ivfmc_ros.stripe.triangulate import triangulate
 
@@ -50,12 +51,15 @@ class AcquisitionSettings:
     volume : what lies outside of it is not the part
     noise_distance : the paper's threshold between neighbours on a stripe
     noise_least : a piece of the stripe of fewer points is noise
+    space_time : through so many pictures before and after a point is followed, where the angle
+        steps are dense; 0 takes each picture by itself, as a live scan does
     """
 
     extract: ExtractSettings = field(default_factory=ExtractSettings)
     volume: Volume = field(default_factory=Volume)
     noise_distance: float = 2e-3
     noise_least: int = 4
+    space_time: int = 0
 
     def __post_init__(self) -> None:
         if not 0.0 < self.noise_distance <= 1.0:
@@ -66,6 +70,11 @@ class AcquisitionSettings:
             raise ParameterError(
                 f'noise_least: {self.noise_least} is out of range; it must be 1 to 1000 points'
             )
+        if self.space_time != 0 and not 2 <= self.space_time <= 100:
+            raise ParameterError(
+                f'space_time: {self.space_time} is out of range; '
+                'it must be 0, or 2 to 100 pictures'
+            )
 
 
 @dataclass(kw_only=True)
@@ -75,6 +84,7 @@ class AcquisitionCounts:
     pictures: int = 0
     pictures_without_stripe: int = 0
     stripe_points: int = 0
+    unconfirmed: int = 0
     outside_volume: int = 0
     noise: int = 0
 
@@ -147,23 +157,33 @@ class Acquisition:
             settings = replace(settings, noise=of_difference(settings.noise))
         return extract(lit_by_laser(frame), direction, settings, self._regions[frame.laser])
 
-    def profile(self, frame: Frame, texture: Image | None = None) -> Profile:
+    def profile(
+        self,
+        frame: Frame,
+        texture: Image | None = None,
+        around: Sequence[Frame] = (),
+    ) -> Profile:
         """
         Extract, triangulate and denoise the stripe of a picture.
 
         texture : the picture of the same table angle with all lasers off, for colours
+        around : pictures of its sweep, it among them, through which its points are followed
         """
         self.require_usable(frame)
         settings = self.settings
         stripe = self._extract(frame, settings.extract)
-        whole = triangulate(self.cell, frame, stripe)
+        if around:
+            whole = refine(self.cell, around, around.index(frame), stripe, settings.extract)
+        else:
+            whole = triangulate(self.cell, frame, stripe)
         inside = np.flatnonzero(settings.volume.contains(whole.points_xyz))
         points = whole.points_xyz[inside]
         clean = denoise.near_neighbours(points, settings.noise_distance, settings.noise_least)
         self.counts.pictures += 1
         self.counts.pictures_without_stripe += not clean.any()
         self.counts.stripe_points += len(stripe)
-        self.counts.outside_volume += len(stripe) - len(inside)
+        self.counts.unconfirmed += len(stripe) - len(whole)
+        self.counts.outside_volume += len(whole) - len(inside)
         self.counts.noise += int(np.count_nonzero(~clean))
         profile = denoise.keep(whole, inside[clean])
         return profile if texture is None else coloured(profile, texture)

@@ -54,7 +54,8 @@ def refine(
     frame = frames[index]
     start = triangulate(cell, frame, stripe)
     angles = np.array([other.angle for other in frames])
-    step = float(np.median(np.diff(angles)))
+    # of a single picture nothing is confirmed
+    step = float(np.median(np.diff(angles))) if len(angles) > 1 else 0.0
     traces, shown = _follow(cell, frames, start.points_xyz, settings)
     patches = _patches(traces, shown, np.arange(len(frames)) - index)
     estimate = fit(patches, settings.noise or Noise())
@@ -76,6 +77,7 @@ def refine(
         view=frame.view,
         seq=frame.seq,
         stamp_ns=frame.stamp_ns,
+        speed=frame.speed,
     )
 
 

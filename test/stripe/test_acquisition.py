@@ -144,6 +144,8 @@ def test_angle_that_is_not_known_is_refused(angle):
         ('noise_distance', np.nan),
         ('noise_least', 0),
         ('noise_least', 1001),
+        ('space_time', 1),
+        ('space_time', 101),
     ],
 )
 def test_setting_out_of_range_is_refused(name, value):
