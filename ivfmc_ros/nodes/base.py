@@ -260,6 +260,9 @@ def run(make: Callable[[], CellNode], arguments: Sequence[str] | None = None) ->
         get_logger('ivfmc').fatal(f'does not start: {error}')
         rclpy.try_shutdown()
         return 2
+    for line in node.unknown():
+        # a file of parameters may serve several nodes, and is no reason not to start
+        node.get_logger().warning(line)
     try:
         return _spin(node, ending)
     finally:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from dataclasses import is_dataclass
 from dataclasses import replace
+import difflib
 import math
 import re
 from typing import Any
@@ -159,6 +160,17 @@ class ParameterNode(Node):
         current()
         self.check(check)
         return current
+
+    def unknown(self) -> list[str]:
+        """Name the parameters that were given at the start and are none of this node's."""
+        known = sorted(self._parameters)
+        said = []
+        for name in sorted(set(self._parameter_overrides) - set(known)):
+            if not name.startswith('qos_overrides.'):
+                near = difflib.get_close_matches(name, known, n=1)
+                meant = f'; is {near[0]!r} meant?' if near else ''
+                said.append(f'parameter {name!r} is not one of {self.get_name()}{meant}')
+        return said
 
     def _judge(self, parameters: list[Parameter]) -> SetParametersResult:
         try:

@@ -137,6 +137,15 @@ def test_a_parameter_on_the_command_line_that_cannot_be_is_refused_by_name(scrip
     assert 'parameter speed' in node.output
 
 
+def test_a_parameter_that_the_node_has_not_is_named_and_the_one_that_is_meant(client, script):
+    script(PLAIN)
+    node = NodeProcess('plain', sped=1.0, other__thing=2.0)
+    client.until(lambda: client.node.count_publishers('plain/heartbeat'), 20.0)
+    assert node.end() == 0
+    assert "parameter 'sped' is not one of plain; is 'speed' meant?" in node.output
+    assert "parameter 'other.thing' is not one of plain" in node.output
+
+
 def test_a_device_that_comes_late_is_taken_up(client, script, tmp_path):
     script(LIVING)
     device = tmp_path / 'device'
