@@ -21,7 +21,7 @@ from ivfmc_ros.simulation.bench import bench_cell
 from ivfmc_ros.simulation.parts import demo_part
 from ivfmc_ros.storage.catalogue import Catalogue
 from ivfmc_ros.storage.live_recorder import LiveRecorder
-from ivfmc_ros.storage.live_recorder import Mark
+from ivfmc_ros.storage.profile_head import ProfileHead
 
 PLACES = {'up': np.eye(4), 'down': lying(demo_part(), 0)}
 
@@ -38,7 +38,7 @@ def store(catalogue, root, scan_id, cell, place, steps=80):
     recorder = LiveRecorder(folder, flushed=lambda places: catalogue.add_profiles(scan_id, places))
     for profile in profiles_of(cell, measured, sweeps):
         message = serialize_message(clouds.from_profile(profile))
-        mark = Mark(
+        mark = ProfileHead(
             seq=profile.seq,
             view=profile.view,
             laser=profile.laser,
