@@ -14,10 +14,14 @@ ROOT = Path(__file__).resolve().parent.parent
 _BLOCK = re.compile(r'<!-- real scan -->\n```\w*\n(.*?)```', re.DOTALL)
 
 
+def data_folder() -> Path:
+    """Return where measured data are, if there are any."""
+    return Path(os.environ.get('IVFMC_DATA', ROOT.parent / 'shared' / 'data'))
+
+
 def measured_scan() -> Path | None:
     """Return the folder of the measured scan, or None where it is absent."""
-    default = ROOT.parent / 'shared' / 'data'
-    folder = Path(os.environ.get('IVFMC_DATA', default)) / 'turntable_laser'
+    folder = data_folder() / 'turntable_laser'
     return folder if folder.is_dir() else None
 
 

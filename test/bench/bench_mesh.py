@@ -15,6 +15,8 @@ import trimesh
 
 from bench import at_least
 from bench import at_most
+from bench import mesh_methods
+from bench import mesh_soundness
 from bench import Number
 from ivfmc_ros.cell.volume import Volume
 from ivfmc_ros.inspection.deviation import Deviation
@@ -39,6 +41,8 @@ VOLUME = Volume(bottom=0.5e-3)
 def run() -> Iterator[Number]:
     yield from rendered()
     yield from real()
+    yield from mesh_methods.run()
+    yield from mesh_soundness.run()
 
 
 def rendered() -> Iterator[Number]:

@@ -14,8 +14,8 @@ from spoilt import views
 from bench import at_least
 from bench import at_most
 from bench import Number
-from bench.bench_mesh_methods import ball
-from bench.bench_mesh_methods import timed
+from bench.mesh_methods import ball
+from bench.mesh_methods import timed
 from ivfmc_ros.meshing.build import build_mesh
 from ivfmc_ros.meshing.settings import MeshSettings
 from ivfmc_ros.model import Poses

@@ -4,7 +4,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-import os
 from pathlib import Path
 import tempfile
 import time
@@ -13,6 +12,7 @@ from cylinder_scan import coverage
 import numpy as np
 import open3d as o3d
 from range_scans import read_bunny
+from real_scan import data_folder
 import trimesh
 
 from bench import at_least
@@ -22,6 +22,7 @@ from ivfmc_ros.cell.volume import Volume
 from ivfmc_ros.meshing import export
 from ivfmc_ros.meshing import samples as sampling
 from ivfmc_ros.meshing.build import build_mesh
+from ivfmc_ros.meshing.export import UNITS
 from ivfmc_ros.meshing.integrate import integrate
 from ivfmc_ros.meshing.poisson import poisson
 from ivfmc_ros.meshing.settings import MeshSettings
@@ -48,6 +49,14 @@ PARTS = {
     'cube': lambda: box((0.04, 0.04, 0.04)),
     'stepped shaft': lambda: stepped_shaft([(0.03, 0.02), (0.02, 0.02), (0.012, 0.02)]),
 }
+# An STL file does not say; featuretype and plate_holes are larger than the cell.
+UNITS_OF_CAD = {
+    'angle_block.STL': 'inch',
+    'featuretype.STL': 'inch',
+    'idler_riser.STL': 'inch',
+    'octagonal_pocket.stl': 'm',
+    'plate_holes.STL': 'mm',
+}
 # The stripe of the bench cell is 2.5 px (1 sigma) wide: 4 sigma at 0.17 mm a pixel.
 STRIPE_WIDTH = 1.7e-3
 # Points nearer than this to an edge of the CAD are not on a face.
@@ -55,8 +64,7 @@ FACE_MARGIN = 1.2e-3
 
 
 def run() -> Iterator[Number]:
-    for name, make in PARTS.items():
-        part = make()
+    for name, part in [*((name, make()) for name, make in PARTS.items()), *cad_parts()]:
         made = scan(part)
         yield from methods(name, part, made)
         if name != 'demo part':
@@ -66,6 +74,24 @@ def run() -> Iterator[Number]:
     yield Number('diameters within their 95 % interval', held, 'of 100', at_least(90), note)
     yield from times()
     yield from bunny()
+
+
+def cad_parts() -> Iterator[tuple[str, Solid]]:
+    """CAD of machined parts, those that fit the cell, standing in its middle."""
+    folder = data_folder() / 'parts'
+    for name, unit in UNITS_OF_CAD.items():
+        if not (folder / name).is_file():
+            continue
+        mesh = trimesh.load(folder / name)
+        # the corners of some differ by rounding
+        mesh.merge_vertices(digits_vertex=5)
+        low, high = mesh.bounds
+        middle = np.array([*(low + high)[:2] / 2, low[2]])
+        vertices = (np.asarray(mesh.vertices) - middle) / UNITS[unit]
+        across = np.linalg.norm(vertices[:, :2], axis=1).max()
+        if across < Volume().radius and vertices[:, 2].max() < Volume().top:
+            faces = np.asarray(mesh.faces, dtype=np.int64)
+            yield Path(name).stem, Solid(vertices_xyz=vertices, faces=faces)
 
 
 def scan(part: Solid) -> Reconstruction:
@@ -241,8 +267,7 @@ def timed(points: sampling.Samples, voxel: float, settings: MeshSettings) -> tup
 
 def bunny() -> Iterator[Number]:
     """Ten range scans with the poses of Stanford."""
-    default = Path(__file__).resolve().parents[3] / 'shared' / 'data'
-    folder = Path(os.environ.get('IVFMC_DATA', default)) / 'bunny'
+    folder = data_folder() / 'bunny'
     if not folder.is_dir():
         raise FileNotFoundError(f'{folder}: the bunny was not measured')
     grids = read_bunny(folder)
