@@ -107,7 +107,9 @@ def test_wheel_holds_every_module_and_no_test(wheel):
 
 @needs_wheels
 def test_wheel_installs_the_command_into_bin(wheel, tmp_path):
-    run([*PIP, 'install', '--no-deps', '--no-index', '--prefix', str(tmp_path), str(wheel)])
+    # without --ignore-installed pip takes away what this environment has, prefix or not
+    options = ['--no-deps', '--no-index', '--ignore-installed', '--prefix', str(tmp_path)]
+    run([*PIP, 'install', *options, str(wheel)])
     packages = next(tmp_path.glob('**/site-packages'))
     command = str(tmp_path / 'bin' / 'ivfmc')
     assert ANSWER.search(run([command, '--version'], cwd=tmp_path, PYTHONPATH=str(packages)))

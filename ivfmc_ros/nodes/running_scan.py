@@ -112,6 +112,9 @@ class RunningScan:
 
     def counted(self) -> None:
         """Bring the counts up to date."""
+        if self.machine.stage in (Stage.IDLE, Stage.PREPARING):
+            # what the recorder says until then is of the scan before
+            return
         if self.link.recorded is not None:
             self._progress.recorded(self.link.recorded + 1)
         heads = self.link.heads

@@ -8,6 +8,7 @@ from fake_cell import FakeCell
 from graph_rig import NodeProcess
 from graph_rig import running
 import pytest
+from std_msgs.msg import UInt64
 
 from ivfmc_ros.scan import record
 from ivfmc_ros.storage.catalogue import Catalogue
@@ -85,6 +86,23 @@ def test_continuous_scan_is_one_sweep_a_laser(client, fake, orchestrator):
     assert success, answer
     assert answer['counts']['views'] == 2
     assert fake.position > 4 * math.pi
+
+
+def test_new_scan_does_not_count_what_the_one_before_recorded(client, fake, orchestrator):
+    recorded = client.publisher(UInt64, 'recorded')
+    before = len(client.status)
+    assert client.trigger('start_scan')[0]
+    while values_of(client)['stage'] in ('IDLE', 'PREPARING'):
+        # as a recorder does that has not been started yet
+        recorded.publish(UInt64(data=4))
+        client.spin(0.02)
+    values = [
+        {item.key: item.value for item in status.values} for status in client.status[before:]
+    ]
+    preparing = [v['profiles_done'] for v in values if v['stage'] in ('IDLE', 'PREPARING')]
+    assert preparing
+    assert set(preparing) == {'0'}
+    client.trigger('cancel')
 
 
 def test_second_scan_is_refused_at_once_and_names_the_first(client, fake, orchestrator):
