@@ -32,8 +32,7 @@ class ExtractSettings:
     least_width : sigma in pixels below which an edge has cut the stripe; None: told by the first
         pictures of a scan, and nothing in a single one
     along : rows (sigma of a Gaussian) over which places are smoothed along the stripe; 0 for none
-    noise : of the pixels, gives weights and sigmas; None: estimated from the first pictures of
-        a scan, and for a single picture that of the bench cell
+    noise : of the pixels, gives weights and sigmas; None: that of the bench cell's camera
     """
 
     method: str = 'auto'
