@@ -42,6 +42,7 @@ from ivfmc_ros.nodes.answers import refusal
 from ivfmc_ros.nodes.health import Health
 from ivfmc_ros.nodes.health import Level
 from ivfmc_ros.nodes.parameters import ParameterNode
+from ivfmc_ros.nodes.replies import persistent
 
 HEARTBEAT_S = 0.1
 DIAGNOSTICS_S = 1.0
@@ -79,6 +80,16 @@ class CellNode(ParameterNode):
     def steady_timer(self, period_s: float, callback: Callable[[], object]) -> Any:
         """Return a timer on a clock that never jumps; ``callback`` goes through the border."""
         return self.create_timer(period_s, self.border(callback), clock=self.steady_clock)
+
+    def later(self, delay_s: float, callback: Callable[[], object]) -> None:
+        """Call ``callback`` once, after so many seconds of the steady clock."""
+
+        def once() -> None:
+            timer.cancel()
+            self.destroy_timer(timer)
+            callback()
+
+        timer = self.steady_timer(delay_s, once)
 
     def subscribe(
         self, kind: type, topic: str, callback: Callable[[Any], object], depth: int | None = None
@@ -260,6 +271,8 @@ def run(make: Callable[[], CellNode], arguments: Sequence[str] | None = None) ->
         get_logger('ivfmc').fatal(f'does not start: {error}')
         rclpy.try_shutdown()
         return 2
+    for service in node.services:
+        persistent(service, node.later)
     for line in node.unknown():
         # a file of parameters may serve several nodes, and is no reason not to start
         node.get_logger().warning(line)

@@ -4,6 +4,7 @@
 
 from cell_inputs import Inputs
 from graph_rig import Client
+from graph_rig import NodeProcess
 import numpy as np
 import pytest
 from synthetic import small_cell
@@ -20,6 +21,21 @@ def client():
     client = Client()
     yield client
     client.close()
+
+
+@pytest.fixture
+def script(tmp_path, monkeypatch):
+    """Make a node of a text, which is started like those of the package."""
+
+    def write(text):
+        path = tmp_path / 'node.py'
+        path.write_text(text)
+        original = NodeProcess.command
+        monkeypatch.setattr(
+            NodeProcess, 'command', lambda self, name: [*original(self, name)[:1], str(path)]
+        )
+
+    return write
 
 
 @pytest.fixture(scope='session')

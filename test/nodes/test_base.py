@@ -72,21 +72,6 @@ sys.exit(run(Living))
 """
 
 
-@pytest.fixture
-def script(tmp_path, monkeypatch):
-    """Make a node of a text, which is started like those of the package."""
-
-    def write(text):
-        path = tmp_path / 'node.py'
-        path.write_text(text)
-        original = NodeProcess.command
-        monkeypatch.setattr(
-            NodeProcess, 'command', lambda self, name: [*original(self, name)[:1], str(path)]
-        )
-
-    return write
-
-
 def test_answers_are_json_with_the_code_of_what_went_wrong(client, script):
     script(PLAIN)
     with running('plain'):
