@@ -20,13 +20,13 @@ from ivfmc_ros.model import View
 from ivfmc_ros.nodes import clouds
 from ivfmc_ros.nodes import jobs
 from ivfmc_ros.nodes import meshes
-from ivfmc_ros.nodes import poses
 from ivfmc_ros.nodes.base import CellNode
 from ivfmc_ros.nodes.base import run
 from ivfmc_ros.nodes.cell_source import CellSource
 from ivfmc_ros.nodes.health import Level
 from ivfmc_ros.nodes.stamps import nanoseconds
 from ivfmc_ros.pipeline import Settings
+from ivfmc_ros.storage.view_poses import to_poses
 from ivfmc_ros.worker import Worker
 
 FORMATS = ('stl', 'ply', 'obj')
@@ -108,7 +108,7 @@ class Mesher(CellNode):
                 jobs.build,
                 cell,
                 views,
-                poses.to_poses(message, views, 'view_poses'),
+                to_poses(message, views, 'view_poses'),
                 settings,
                 self.get('scan_folder'),
                 self.get('formats'),

@@ -1,10 +1,9 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Poses of views as messages and back."""
+"""Poses of views as messages."""
 
 from collections.abc import Mapping
 from collections.abc import Sequence
-from typing import Any
 
 from geometry_msgs.msg import Point
 from geometry_msgs.msg import Pose
@@ -13,8 +12,6 @@ from geometry_msgs.msg import Quaternion
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ivfmc_ros.cell import transforms
-from ivfmc_ros.errors import MessageError
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
@@ -35,33 +32,8 @@ def from_placed(by_number: Mapping[int, Floats], stamp_ns: int) -> PoseArray:
     return PoseArray(header=header(stamp_ns, FRAME), poses=placed)
 
 
-def to_poses(message: PoseArray, views: Sequence[View], where: str) -> Poses:
-    """
-    Return the pose of each of the views.
-
-    where : the topic, for the error
-    :raises MessageError: a view has none, or a rotation is none
-    """
-    found = []
-    for view in views:
-        if view.number >= len(message.poses):
-            raise MessageError(
-                f'{where}: has {len(message.poses)} poses, none of view {view.number}'
-            )
-        found.append(_matrix(message.poses[view.number], where))
-    return Poses(turntable_from_view=np.array(found).reshape(-1, 4, 4))
-
-
 def _pose(T: Floats) -> Pose:
     x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat()
     position = Point(x=float(T[0, 3]), y=float(T[1, 3]), z=float(T[2, 3]))
     rotation = Quaternion(x=float(x), y=float(y), z=float(z), w=float(w))
     return Pose(position=position, orientation=rotation)
-
-
-def _matrix(pose: Any, where: str) -> Floats:
-    q, p = pose.orientation, pose.position
-    numbers = np.array([q.x, q.y, q.z, q.w])
-    if not 0.99 < np.linalg.norm(numbers) < 1.01:
-        raise MessageError(f'{where}: an orientation is no unit quaternion: {numbers.tolist()}')
-    return transforms.rigid(Rotation.from_quat(numbers).as_matrix(), [p.x, p.y, p.z])

@@ -16,6 +16,7 @@ from geometry_msgs.msg import PoseArray
 import numpy as np
 from sensor_msgs.msg import PointCloud2
 
+from ivfmc_ros import pipeline
 from ivfmc_ros.errors import BusyError
 from ivfmc_ros.errors import NoStripeError
 from ivfmc_ros.model import Poses
@@ -24,12 +25,12 @@ from ivfmc_ros.model import View
 from ivfmc_ros.nodes import clouds
 from ivfmc_ros.nodes import jobs
 from ivfmc_ros.nodes import poses
-from ivfmc_ros.nodes.arrivals import Arrivals
 from ivfmc_ros.nodes.base import CellNode
 from ivfmc_ros.nodes.base import run
 from ivfmc_ros.nodes.cell_source import CellSource
 from ivfmc_ros.nodes.health import Level
 from ivfmc_ros.pipeline import Settings
+from ivfmc_ros.registration.arrivals import Arrivals
 from ivfmc_ros.worker import Job
 from ivfmc_ros.worker import Worker
 
@@ -93,7 +94,8 @@ class Registrar(CellNode):
         try:
             while profiles := arrivals.next():
                 cell, settings = self._source.cell(), self._settings()
-                await self.in_thread(arrivals.place, cell, settings, profiles)
+                views, _, _ = await self.in_thread(pipeline.views_of, cell, profiles, settings)
+                await self.in_thread(arrivals.place, views)
                 if arrivals is self._arrivals and not self._busy:
                     self._poses.publish(poses.from_placed(arrivals.poses, self._stamp_ns))
             self.health.clear('placing')

@@ -5,14 +5,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
-from ivfmc_ros.cell import transforms
 from ivfmc_ros.errors import BagError
-from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Frame
 from ivfmc_ros.model import Image
 from ivfmc_ros.model import Poses
@@ -27,6 +21,7 @@ from ivfmc_ros.storage.messages import COMPRESSED_IMAGE
 from ivfmc_ros.storage.messages import IMAGE
 from ivfmc_ros.storage.point_clouds import to_profile
 from ivfmc_ros.storage.point_clouds import to_view
+from ivfmc_ros.storage.view_poses import to_poses
 
 _SAMPLES = 4
 _PICTURES = {'image_raw': IMAGE, 'image_raw/compressed': COMPRESSED_IMAGE}
@@ -85,15 +80,7 @@ def _views(bag: Bag) -> list[View]:
 def _poses(bag: Bag, views: list[View]) -> Poses:
     name = _required(bag, 'view_poses')
     [*_, last] = map(bag.decoder(name), bag.messages([name]))
-    if len(last.poses) <= max(view.number for view in views):
-        raise BagError(f'{bag.path}: {name}: has {len(last.poses)} poses, too few for the views')
-    found = [_matrix(last.poses[view.number]) for view in views]
-    return Poses(turntable_from_view=np.array(found).reshape(-1, 4, 4))
-
-
-def _matrix(pose: Any) -> Floats:
-    q, p = pose.orientation, pose.position
-    return transforms.rigid(Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix(), [p.x, p.y, p.z])
+    return to_poses(last, views, f'{bag.path}: {name}')
 
 
 def _samples(bag: Bag) -> list[tuple[Frame, Profile]]:

@@ -12,6 +12,7 @@ from ivfmc_ros.model import View
 from ivfmc_ros.nodes import clouds
 from ivfmc_ros.nodes import images
 from ivfmc_ros.nodes import poses
+from ivfmc_ros.storage.view_poses import to_poses
 
 FIELDS = ['x', 'y', 'z', 'intensity', 'sigma', 'u', 'v', 'angle', 'laser', 'view', 'seq']
 
@@ -153,7 +154,7 @@ def test_poses_stand_at_the_number_of_their_view():
     message = poses.from_poses([view], Poses(turntable_from_view=turn[None]), 5)
     assert len(message.poses) == 3
     assert message.poses[0].orientation.w == 1.0
-    back = poses.to_poses(message, [view], 'view_poses')
+    back = to_poses(message, [view], 'view_poses')
     np.testing.assert_allclose(back.turntable_from_view[0], turn, atol=1e-12)
 
 
@@ -161,11 +162,11 @@ def test_a_view_without_a_pose_and_a_pose_that_is_none_are_refused():
     view, _ = a_view(number=2)
     message = poses.from_poses([a_view(number=1)[0]], Poses.identity(1), 5)
     with pytest.raises(MessageError, match='none of view 2'):
-        poses.to_poses(message, [view], 'view_poses')
+        to_poses(message, [view], 'view_poses')
     message = poses.from_poses([view], Poses.identity(1), 5)
     message.poses[2].orientation.w = 0.0
     with pytest.raises(MessageError, match='no unit quaternion'):
-        poses.to_poses(message, [view], 'view_poses')
+        to_poses(message, [view], 'view_poses')
 
 
 @pytest.mark.parametrize(

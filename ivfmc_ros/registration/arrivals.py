@@ -1,14 +1,13 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Profiles as they arrive, and the views that have ended among them. No ROS."""
+"""Profiles as they arrive, and the views that have ended among them."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable
 
-from ivfmc_ros import pipeline
-from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Profile
+from ivfmc_ros.model import View
 from ivfmc_ros.registration.incremental import Incremental
 
 # A view of which none of the last profiles is one has ended: lasers may take turns.
@@ -57,13 +56,8 @@ class Arrivals:
         number = self._ended()
         return [] if number is None else self._of_view.pop(number)
 
-    def place(self, cell: Cell, settings: pipeline.Settings, profiles: Sequence[Profile]) -> None:
-        """
-        Place one view on those before it.
-
-        :raises GeometryError: it has profiles of two lasers, or points that no table carries
-        """
-        views, _, _ = pipeline.views_of(cell, profiles, settings)
+    def place(self, views: Iterable[View]) -> None:
+        """Place the views that profiles of ``next()`` make on those before them."""
         for view in views:
             self._placed.add(view)
 
