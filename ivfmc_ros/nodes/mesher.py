@@ -65,11 +65,7 @@ class Mesher(CellNode):
             'display_triangles', 50_000, 'Triangles that are shown.', low=100, high=1_000_000
         )
         self.check(_check_formats)
-        return self.settings(
-            Settings(),
-            ranges={'max_edge': (0.0, 1.0)},
-            only=('mesh.', 'max_edge', 'export_unit'),
-        )
+        return self.settings(Settings(), only=('mesh.', 'export_unit'))
 
     def stop(self) -> None:
         """End the worker."""

@@ -22,6 +22,8 @@ from ivfmc_ros.model import View
 
 # A seam of so many steps is still neighbours.
 _SEAM_STEPS = 4.0
+# Points nearer than this (metres) are one point that is there twice.
+_SAME_PLACE = 1e-9
 
 
 def assemble(cell: Cell, profiles: Iterable[Profile]) -> list[View]:
@@ -95,11 +97,15 @@ def closes(view: View) -> bool:
 
 
 def spacing(view: View) -> float:
-    """Return the median distance of neighbouring points of a view, metres; NaN if none."""
+    """
+    Return the median distance of neighbouring points of a view, metres; NaN if none.
+
+    Points that are there several times count as one.
+    """
     points = view.points_xyz
     along = np.linalg.norm(np.diff(points, axis=0), axis=2)
     across = np.linalg.norm(np.diff(points, axis=1), axis=2)
-    known = [steps[np.isfinite(steps)] for steps in (along, across)]
+    known = [steps[np.isfinite(steps) & (steps > _SAME_PLACE)] for steps in (along, across)]
     return max((float(np.median(steps)) for steps in known if steps.size), default=float('nan'))
 
 

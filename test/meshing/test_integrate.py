@@ -142,7 +142,8 @@ def test_island_that_nothing_reaches_is_refused():
 @pytest.mark.parametrize(
     ('name', 'value'),
     [('method', 'magic'), ('close', 'some'), ('voxel', 0.0), ('voxel', np.nan), ('max_edge', -1),
-     ('smoothing', 300), ('decimate', 1.0), ('island', -1), ('floor', np.nan)],
+     ('max_edge', 0.0), ('max_edge', 1.1), ('smoothing', 300), ('decimate', 1.0), ('island', -1),
+     ('floor', np.nan)],
 )  # fmt: skip
 def test_setting_that_cannot_be_used_is_refused(name, value):
     with pytest.raises(ParameterError, match=f'^{name}: '):

@@ -151,15 +151,15 @@ def test_parameters_that_make_no_sense_are_refused_by_name(client):
         for node, name, value in (
             ('registrar', 'registration', 'magic'),
             ('registrar', 'island_least', 0),
-            ('mesher', 'max_edge', float('nan')),
-            ('mesher', 'max_edge', -0.1),
+            ('mesher', 'mesh.max_edge', float('nan')),
+            ('mesher', 'mesh.max_edge', -0.1),
             ('mesher', 'export_unit', 'yard'),
             ('mesher', 'formats', ['step']),
             ('mesher', 'display_triangles', 5),
         ):
             answer = client.set(node, **{name: value})
             assert not answer.successful
-            assert name in answer.reason
+            assert name.removeprefix('mesh.') in answer.reason
 
 
 def test_meshes_as_bytes_are_what_rclpy_would_have_written():
