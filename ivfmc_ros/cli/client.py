@@ -4,6 +4,7 @@
 
 from collections.abc import Callable
 from collections.abc import Iterator
+from contextlib import closing
 from contextlib import contextmanager
 import json
 import time
@@ -35,7 +36,8 @@ def cell_client(namespace: str) -> Iterator['CellClient']:
     # Ctrl-C is ours: it cancels the scan
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
-        yield CellClient(namespace)
+        with closing(CellClient(namespace)) as client:
+            yield client
     finally:
         rclpy.try_shutdown()
 
@@ -59,6 +61,11 @@ class CellClient:
         self.node.create_subscription(
             DiagnosticStatus, 'scan_status', self._hear, qos.of_topic('scan_status')
         )
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown(timeout_sec=0.0)
+        self.node.destroy_node()
 
     def spin(self, seconds: float = _SPIN_S) -> None:
         """Let messages come in for so many seconds at most."""

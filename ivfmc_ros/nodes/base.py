@@ -276,10 +276,12 @@ def run(make: Callable[[], CellNode], arguments: Sequence[str] | None = None) ->
     for line in node.unknown():
         # a file of parameters may serve several nodes, and is no reason not to start
         node.get_logger().warning(line)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
     try:
-        return _spin(node, ending)
+        return _spin(node, executor, ending)
     finally:
-        _end(node)
+        _end(node, executor)
 
 
 def _begin_to_end(ending: threading.Event) -> None:
@@ -291,9 +293,7 @@ def _begin_to_end(ending: threading.Event) -> None:
         last_resort.start()
 
 
-def _spin(node: CellNode, ending: threading.Event) -> int:
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
+def _spin(node: CellNode, executor: SingleThreadedExecutor, ending: threading.Event) -> int:
     failures = 0
     # the heartbeat wakes this loop often enough to see the signal
     while not ending.is_set() and rclpy.ok():
@@ -310,8 +310,10 @@ def _spin(node: CellNode, ending: threading.Event) -> int:
     return 0
 
 
-def _end(node: CellNode) -> None:
+def _end(node: CellNode, executor: SingleThreadedExecutor) -> None:
     _quietly(node, node.stop)
+    # one that is still open when the interpreter goes raises out of its destructor
+    _quietly(node, lambda: executor.shutdown(timeout_sec=0.0))
     _quietly(node, node.destroy_node)
     rclpy.try_shutdown()
 
