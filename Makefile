@@ -21,6 +21,9 @@ LIBRARIES := \
 	libudev.so.1:libudev1 \
 	libusb-1.0.so.0:libusb-1.0-0
 
+# Fixtures of a file are made once, and its tests run in one worker.
+BY_FILE := --dist loadfile --no-loadscope-reorder
+
 .DEFAULT_GOAL := help
 .PHONY: help env test demo bench clean distclean
 
@@ -47,7 +50,8 @@ test: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m 'not alone' -n 2 $(BY_FILE)
+	$(BIN)/python -m pytest -m alone
 
 demo: $(READY)
 	$(BIN)/ivfmc demo -o build/demo

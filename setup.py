@@ -83,6 +83,7 @@ setup(
             'mypy==2.4.1',
             'numpy<2.5',
             'pytest>=8.0',
+            'pytest-xdist>=3.6',
             'ruff==0.17.6',
             'setuptools>=70.1',
             'trimesh>=4.0',

@@ -9,6 +9,19 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 
+# Nodes and boards of these folders live in real time; whatever runs beside them makes them late.
+ALONE = ('cli', 'devices', 'graph', 'nodes', 'scan', 'simulation')
+# The longest file, which would keep one worker busy when the other has ended.
+FIRST = 'test_real_scan.py'
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that share the machine with no others, and begin with the longest."""
+    for item in items:
+        if item.path.relative_to(ROOT / 'test').parts[0] in ALONE:
+            item.add_marker('alone')
+    items.sort(key=lambda item: item.path.name != FIRST)
+
 
 @pytest.fixture(scope='session')
 def data_dir() -> Path:

@@ -13,6 +13,7 @@ from sensor_msgs.msg import Image
 from sensor_msgs.msg import PointCloud2
 
 from ivfmc_ros.cell.cell_file import save_cell
+from ivfmc_ros.meshing.build import MeshSettings
 from ivfmc_ros.pipeline import reconstruct
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.results import cloud as cloud_of
@@ -24,6 +25,7 @@ from ivfmc_ros.storage.point_clouds import records_of
 from ivfmc_ros.storage.scan_bag import read_scan
 
 STEPS = 24
+VOXEL = 0.0006
 LASERS = ('left', 'right')
 
 
@@ -39,8 +41,9 @@ def bag(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def cell(start, client, bag):
-    # no files of parameters: everything as it is offline
-    return start('--replay', '--cell', bag.parent / 'cell.yaml', '--config', bag.parent)
+    # no files of parameters: everything as it is offline, but for a mesh that is soon made
+    return start('--replay', '--cell', bag.parent / 'cell.yaml', '--config', bag.parent,
+                 '--set', f'mesher.mesh.voxel={VOXEL}')  # fmt: skip
 
 
 def replay(bag, *options):
@@ -57,7 +60,8 @@ def replay(bag, *options):
 # after a replay with a clock of its own, nodes have to go by theirs again
 @pytest.mark.parametrize('options', [['--clock'], []])
 def test_replayed_cloud_is_the_offline_one(client, cell, bag, tmp_path, options):
-    offline = reconstruct(bench_cell(), read_scan(bag, lasers=LASERS).frames(), Settings())
+    settings = Settings(mesh=MeshSettings(voxel=VOXEL))
+    offline = reconstruct(bench_cell(), read_scan(bag, lasers=LASERS).frames(), settings)
     points, _ = cloud_of(offline)
     clouds = client.collect(PointCloud2, 'cloud')
     answer = replay(bag, '-o', tmp_path / 'out', *options)

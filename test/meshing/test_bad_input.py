@@ -68,5 +68,6 @@ def test_view_of_one_profile_is_refused(method):
 
 
 def test_single_view_makes_a_sound_mesh():
-    (view,) = views(1)
-    assert unsound(built(view, 'integrate'), closed=False) == []
+    settings = MeshSettings(floor=None, voxel=1e-3)
+    mesh = build_mesh(CELL, views(1), Poses.identity(1), settings)
+    assert unsound(mesh, closed=False) == []

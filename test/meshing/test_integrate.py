@@ -49,7 +49,7 @@ def test_what_was_seen_lies_on_the_sphere(closed):
 
 
 def test_open_mesh_has_only_what_was_seen_and_reports_its_loops():
-    mesh = build_mesh(CELL, views(), Poses.identity(2), MeshSettings(floor=None))
+    mesh = build_mesh(CELL, views(), Poses.identity(2), MeshSettings(floor=None, voxel=1e-3))
     require_sound(mesh, closed=False)
     assert mesh.kind.max() < FILLED
     loops = boundary_loops(mesh.vertices_xyz, mesh.faces)
@@ -69,7 +69,8 @@ def test_invented_faces_are_marked_where_nothing_was_seen(closed):
 
 
 def test_part_stands_on_a_flat_face_at_the_floor():
-    mesh = build_mesh(CELL, views(), Poses.identity(2), MeshSettings(close='all', floor=0.02))
+    settings = MeshSettings(close='all', floor=0.02, voxel=1e-3)
+    mesh = build_mesh(CELL, views(), Poses.identity(2), settings)
     require_sound(mesh, closed=True)
     assert mesh.vertices_xyz[:, 2].min() == pytest.approx(0.02, abs=0.05e-3)
 
