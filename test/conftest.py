@@ -9,16 +9,17 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 
-# Nodes and boards of these folders live in real time; whatever runs beside them makes them late.
-ALONE = ('cli', 'devices', 'graph', 'nodes', 'scan', 'simulation')
+# Nodes and boards in these live in real time; whatever runs beside them makes them late.
+ALONE = ('cli/test_processes.py', 'devices', 'graph', 'nodes', 'simulation/test_live_cell.py')
 # The longest file, which would keep one worker busy when the other has ended.
 FIRST = 'test_real_scan.py'
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests that share the machine with no others, and begin with the longest."""
+    alone = [ROOT / 'test' / place for place in ALONE]
     for item in items:
-        if item.path.relative_to(ROOT / 'test').parts[0] in ALONE:
+        if any(item.path.is_relative_to(place) for place in alone):
             item.add_marker('alone')
     items.sort(key=lambda item: item.path.name != FIRST)
 
