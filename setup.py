@@ -77,10 +77,15 @@ setup(
             'ros-jazzy-common-interfaces>=5.3',
             'ros-jazzy-rclpy[fastrtps]>=7.1',
         ],
+        # no wheels for ARM
+        '3mf': ['lib3mf>=2.3'],
         'test': [
             'colcon-common-extensions>=0.3',
+            'lib3mf>=2.3; platform_machine == "x86_64"',
+            'lxml',
             'mcap-ros2-support>=0.5',
             'mypy==2.4.1',
+            'networkx',
             'numpy<2.5',
             'pytest>=8.0',
             'pytest-xdist>=3.6',

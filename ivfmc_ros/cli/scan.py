@@ -17,7 +17,7 @@ from ivfmc_ros.cli.client import CellClient
 from ivfmc_ros.cli.client import error_of
 from ivfmc_ros.cli.client import result_of
 from ivfmc_ros.cli.up import interrupted
-from ivfmc_ros.scan.request import FORMATS
+from ivfmc_ros.meshing.export import FORMATS
 from ivfmc_ros.scan.request import MOTIONS
 
 # A node that answers nothing for so long is gone.

@@ -3,6 +3,7 @@
 """Mesh files. CAD has no unit in STL and OBJ, so it is written in the header or a comment."""
 
 from collections.abc import Callable
+from collections.abc import Iterable
 import json
 from pathlib import Path
 import struct
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from ivfmc_ros import files
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.meshing import normals
+from ivfmc_ros.meshing import threemf
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import MEASURED
@@ -27,11 +29,11 @@ _STL_FACE = np.dtype([('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('attrib
 
 def write_mesh(path: Path, mesh: Mesh, unit: str = 'mm') -> None:
     """
-    Write a mesh as binary STL, binary PLY, OBJ or binary glTF, by the suffix of ``path``.
+    Write a mesh as binary STL, binary PLY, OBJ, binary glTF or 3MF, by the suffix of ``path``.
 
     glTF is in metres always; the others are in ``unit``.
 
-    :raises ParameterError: unknown suffix or unit
+    :raises ParameterError: unknown suffix or unit, or lib3mf is missing
     :raises FileError: the file cannot be written
     """
     write = _WRITERS.get(path.suffix.lower())
@@ -189,4 +191,16 @@ def _glb(stream: BinaryIO, mesh: Mesh, vertices: Floats, unit: str) -> None:
 
 
 _Writer = Callable[[BinaryIO, Mesh, Floats, str], None]
-_WRITERS: dict[str, _Writer] = {'.stl': _stl, '.ply': _ply, '.obj': _obj, '.glb': _glb}
+_WRITERS: dict[str, _Writer] = {
+    '.stl': _stl, '.ply': _ply, '.obj': _obj, '.glb': _glb, '.3mf': threemf.write,
+}  # fmt: skip
+FORMATS = tuple(suffix[1:] for suffix in _WRITERS)
+
+
+def require_formats(names: Iterable[str]) -> None:
+    """:raises ParameterError: a name is none of FORMATS, or its library is missing."""
+    for name in names:
+        if name not in FORMATS:
+            raise ParameterError(f'formats: {name!r} is not one of {", ".join(FORMATS)}')
+        if name == '3mf':
+            threemf.require()

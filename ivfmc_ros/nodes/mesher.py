@@ -15,7 +15,8 @@ from visualization_msgs.msg import Marker
 
 from ivfmc_ros.errors import BusyError
 from ivfmc_ros.errors import NotReadyError
-from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.meshing.export import FORMATS
+from ivfmc_ros.meshing.export import require_formats
 from ivfmc_ros.model import View
 from ivfmc_ros.nodes import clouds
 from ivfmc_ros.nodes import jobs
@@ -29,7 +30,6 @@ from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.storage.view_poses import to_poses
 from ivfmc_ros.worker import Worker
 
-FORMATS = ('stl', 'ply', 'obj')
 # Seconds without a further view, after which those that came are all.
 _QUIET_S = 3.0
 _LOOK_S = 0.1
@@ -168,9 +168,7 @@ class Mesher(CellNode):
 
 
 def _check_formats(values: Mapping[str, Any]) -> None:
-    wrong = [name for name in values.get('formats') or () if name not in FORMATS]
-    if wrong:
-        raise ParameterError(f'formats: {wrong[0]!r} is not one of {", ".join(FORMATS)}')
+    require_formats(values.get('formats') or ())
 
 
 def main() -> None:

@@ -7,6 +7,7 @@ from dataclasses import fields
 import math
 from typing import Any
 
+from ivfmc_ros.meshing.export import FORMATS
 from ivfmc_ros.meshing.export import UNITS
 from ivfmc_ros.nodes.base import CellNode
 from ivfmc_ros.scan import request as scan
@@ -86,7 +87,7 @@ def _declare_request(node: CellNode) -> None:
         'formats',
         list(default.formats),
         'Formats of the mesh files.',
-        constraints=f'some of {", ".join(scan.FORMATS)}',
+        constraints=f'some of {", ".join(FORMATS)}',
     )
     node.parameter(
         'export_unit', default.export_unit, 'Unit of the mesh files.', choices=tuple(UNITS)

@@ -9,10 +9,11 @@ import re
 from typing import Any
 
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.meshing.export import FORMATS
+from ivfmc_ros.meshing.export import require_formats
 from ivfmc_ros.meshing.export import UNITS
 
 MOTIONS = ('continuous', 'step')
-FORMATS = ('stl', 'ply', 'obj')
 
 MAX_VIEWS = 36
 MAX_PROFILES = 20_000
@@ -58,8 +59,7 @@ class ScanRequest:
         _require_range('overlap', self.overlap, 0.0, math.pi)
         _require_one('motion', self.motion, MOTIONS)
         _require_one('export_unit', self.export_unit, tuple(UNITS))
-        for item in self.formats:
-            _require_one('formats', item, FORMATS)
+        require_formats(self.formats)
         if not self.formats:
             raise ParameterError(f'formats: is empty; known are {", ".join(FORMATS)}')
         if len(set(self.lasers)) != len(self.lasers):

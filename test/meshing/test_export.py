@@ -4,6 +4,7 @@ from dataclasses import replace
 import os
 from pathlib import Path
 import re
+import zipfile
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ import trimesh
 
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.meshing import threemf
+from ivfmc_ros.meshing.export import require_formats
 from ivfmc_ros.meshing.export import UNITS
 from ivfmc_ros.meshing.export import write_cloud
 from ivfmc_ros.meshing.export import write_mesh
@@ -126,6 +129,33 @@ def test_glb_is_in_metres_with_y_up(tmp_path):
     assert read.extents == pytest.approx([0.02, 0.04, 0.03], rel=1e-6)
 
 
+@pytest.mark.parametrize(('unit', 'factor'), [('mm', 1e3), ('inch', 1 / 0.0254), ('m', 1.0)])
+def test_3mf_carries_its_unit(tmp_path, unit, factor):
+    write_mesh(tmp_path / 'mesh.3mf', box(), unit)
+    read = trimesh.load(tmp_path / 'mesh.3mf', force='mesh')
+    assert read.is_watertight
+    assert read.volume == pytest.approx(2.4e-5 * factor**3, rel=1e-5)
+    name = {'mm': 'millimeter', 'inch': 'inch', 'm': 'meter'}[unit]
+    with zipfile.ZipFile(tmp_path / 'mesh.3mf') as parts:
+        (model,) = [part for part in parts.namelist() if part.endswith('.model')]
+        text = parts.read(model).decode()
+    assert f'unit="{name}"' in text
+    assert 'type="surface"' not in text
+
+
+def test_open_mesh_is_a_surface_in_3mf(tmp_path):
+    write_mesh(tmp_path / 'mesh.3mf', replace(box(), faces=box().faces[:-1]))
+    with zipfile.ZipFile(tmp_path / 'mesh.3mf') as parts:
+        assert b'type="surface"' in parts.read('3D/3dmodel.model')
+
+
+def test_3mf_without_its_library_is_refused_before_anything_is_scanned(monkeypatch):
+    require_formats(['stl', '3mf'])
+    monkeypatch.setattr(threemf, 'find_spec', lambda name: None)
+    with pytest.raises(ParameterError, match='3mf: needs lib3mf, which is not installed'):
+        require_formats(['stl', '3mf'])
+
+
 def test_solid_that_was_not_measured_is_written(tmp_path):
     write_solid(tmp_path / 'part.stl', box().vertices_xyz, box().faces)
     assert trimesh.load(tmp_path / 'part.stl').volume == pytest.approx(24e3, rel=1e-5)
@@ -146,7 +176,7 @@ def test_cloud_is_points_and_sigma(tmp_path):
 @pytest.mark.parametrize('name', ['mesh.step', 'mesh', 'mesh.stl.bak'])
 def test_unknown_suffix_is_refused(tmp_path, name):
     with pytest.raises(
-        ParameterError, match=rf"{name}: '.*' is not one of \.stl, \.ply, \.obj, \.glb"
+        ParameterError, match=rf"{name}: '.*' is not one of \.stl, \.ply, \.obj, \.glb, \.3mf"
     ):
         write_mesh(tmp_path / name, box())
     assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,51 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""3MF, the one format of printing and CAM that carries its unit; by the consortium's library."""
+
+from importlib.util import find_spec
+from typing import Any
+from typing import BinaryIO
+
+import numpy as np
+
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.meshing.topology import boundary_edges
+from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Ints
+from ivfmc_ros.model import Mesh
+
+_UNITS = {'m': 'Meter', 'mm': 'MilliMeter', 'inch': 'Inch'}
+
+
+def require() -> None:
+    """:raises ParameterError: the library is not installed; there are no wheels for ARM."""
+    if find_spec('lib3mf') is None:
+        raise ParameterError('3mf: needs lib3mf, which is not installed: pip install lib3mf')
+
+
+def write(stream: BinaryIO, mesh: Mesh, vertices: Floats, unit: str) -> None:
+    """
+    Write one object: a solid if it is closed, else a surface.
+
+    vertices : (n, 3) in ``unit``
+    :raises ParameterError: lib3mf is not installed
+    """
+    require()
+    import lib3mf
+
+    model = lib3mf.get_wrapper().CreateModel()
+    model.SetUnit(getattr(lib3mf.ModelUnit, _UNITS[unit]))
+    solid = model.AddMeshObject()
+    solid.SetName('ivfmc_ros')
+    solid.SetGeometry(
+        _array(lib3mf.Position, vertices, '<f4'), _array(lib3mf.Triangle, mesh.faces, '<u4')
+    )
+    closed = not len(boundary_edges(mesh.faces))
+    solid.SetType(getattr(lib3mf.ObjectType, 'Model' if closed else 'Surface'))
+    model.AddBuildItem(solid, lib3mf.get_wrapper().GetIdentityTransform())
+    stream.write(bytes(model.QueryWriter('3mf').WriteToBuffer()))
+
+
+def _array(kind: Any, rows: Floats | Ints, dtype: str) -> Any:
+    """Return (n, 3) numbers as an array of the library's structures."""
+    return (kind * len(rows)).from_buffer_copy(np.ascontiguousarray(rows, dtype=dtype))
