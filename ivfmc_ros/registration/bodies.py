@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.model import Floats
@@ -20,6 +19,7 @@ from ivfmc_ros.registration.patches import joined
 from ivfmc_ros.registration.patches import Patches
 from ivfmc_ros.registration.samples import common_edge
 from ivfmc_ros.registration.samples import sample
+from ivfmc_ros.registration.views import sight_of
 
 _LEAST_PATCHES = 200
 
@@ -102,7 +102,7 @@ def _body(clamping: Clamping, edge: float) -> Body | None:
     posed = zip(clamping.views, clamping.poses.turntable_from_view, strict=True)
     for view, T in posed:
         thin = sample(view, edge)
-        sight = _sight(clamping.cell, view)
+        sight = sight_of(clamping.cell, view)
         # which side was seen is known by the camera: the grid's sense changes beyond the axis
         thin = replace(thin, outward=thin.means(sight))
         patches = fit_patches(thin, edge)
@@ -110,10 +110,3 @@ def _body(clamping: Clamping, edge: float) -> Body | None:
         towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
         parts.append(Body(name=clamping.name, patches=patches, sight=towards).moved(T))
     return replace(together(parts), name=clamping.name) if parts else None
-
-
-def _sight(cell: Cell, view: View) -> Floats:
-    """Return (n, 3) metres from the view's valid points to the camera."""
-    eye = cell.turntable.to_part(np.zeros((1, 3)), 0.0)
-    eyes = np.concatenate([eye @ R.T for R in transforms.rotation_z(-view.angles)])
-    return np.asarray((eyes[None] - view.points_xyz)[view.valid])

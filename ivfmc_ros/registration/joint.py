@@ -53,11 +53,13 @@ class Scene:
 
     patches : of each view, frame ``turntable``; slopes : None where the cell is known
     edge : metres, between patches
+    origin : (C,) the cell's values with which the patches were made; None for zeros
     """
 
     patches: Sequence[Patches]
     slopes: Slopes | None
     edge: float
+    origin: Floats | None = None
 
     @property
     def cell_unknowns(self) -> int:
@@ -66,10 +68,11 @@ class Scene:
 
     def moved(self, cell_values: Floats) -> Sequence[Patches]:
         """Return the patches of the cell changed by (C,) values, to first order."""
-        if self.slopes is None or not cell_values.any():
+        change = cell_values if self.origin is None else cell_values - self.origin
+        if self.slopes is None or not change.any():
             return self.patches
         return [
-            patches.moved(np.einsum('ncd,c->nd', slopes, cell_values))
+            patches.moved(np.einsum('ncd,c->nd', slopes, change))
             for patches, slopes in zip(self.patches, self.slopes.of_patches, strict=True)
         ]
 

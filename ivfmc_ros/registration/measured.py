@@ -14,13 +14,13 @@ import numpy as np
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.cell.laser import LaserPlane
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import View
 from ivfmc_ros.registration.unknowns import CellUnknowns
+from ivfmc_ros.stripe.triangulate import sensitivity
 
-# Share of its prior's sigma by which an unknown is changed for a derivative.
-_PROBE = 0.5
 # Steps to the table angle of a point, and the farthest that one may go, radians.
 _NEWTON, _NEARBY = 3, 0.1
 # By so many sigmas of its points a view may differ from what the cell makes of its pixels.
@@ -41,12 +41,15 @@ class Measured:
     angles: Floats
     way: float
 
+    def reported(self, angles: Floats) -> Floats:
+        """Return (n,) of the valid points from the angles (columns,) of the profiles."""
+        valid = self.view.valid
+        return np.asarray(np.broadcast_to(angles, valid.shape)[valid])
+
     def points(self, unknowns: CellUnknowns, values: Floats, cell: Cell) -> Floats:
         """Return (n, 3) metres, ``turntable``; ``cell`` is the one that has the values."""
         angles = self.angles + unknowns.angle_error(values, self.angles, self.way)
-        seen = cell.lasers[self.view.laser].intersect(self.rays)
-        base = transforms.apply(transforms.invert(cell.turntable.camera_from_base), seen)
-        return turned_back(base, angles)
+        return turned_back(seen_from_base(self.rays, cell, self.view.laser), angles)
 
 
 def measured(cell: Cell, view: View) -> Measured:
@@ -62,8 +65,7 @@ def measured(cell: Cell, view: View) -> Measured:
         angles=np.broadcast_to(view.angles, valid.shape)[valid],
         way=_way(view),
     )
-    seen = cell.lasers[view.laser].intersect(found.rays)
-    base = transforms.apply(transforms.invert(cell.turntable.camera_from_base), seen)
+    base = seen_from_base(found.rays, cell, view.laser)
     differ = np.abs(turned_back(base, found.angles) - view.points_xyz[valid])
     if differ.size and not differ.max() < _SAME:
         raise GeometryError(
@@ -86,8 +88,7 @@ def as_measured(found: Measured, cell: Cell, points_xyz: Floats, angles: Floats)
     for _ in range(_NEWTON):
         base = turned_back(points_xyz, -angles)
         seen = transforms.apply(T, base)
-        turning = np.stack([-base[:, 1], base[:, 0], np.zeros(len(base))], axis=1)
-        rate = turning @ T[:3, :3].T @ laser.normal
+        rate = crossing_rate(cell, laser, base)
         step = np.divide(laser.distance(seen), rate, out=np.zeros(len(rate)), where=rate != 0)
         # next to the axis the sheet is met at any angle
         angles = angles - np.where(np.abs(step) < _NEARBY, step, 0.0)
@@ -95,21 +96,36 @@ def as_measured(found: Measured, cell: Cell, points_xyz: Floats, angles: Floats)
     return replace(found, rays=seen / seen[:, 2:], angles=angles)
 
 
+def crossing_rate(cell: Cell, laser: LaserPlane, base_xyz: Floats) -> Floats:
+    """Return (n,) metres a radian at which points of ``turntable_base`` go through a sheet."""
+    turning = np.stack([-base_xyz[:, 1], base_xyz[:, 0], np.zeros(len(base_xyz))], axis=1)
+    return np.asarray(turning @ cell.turntable.camera_from_base[:3, :3].T @ laser.normal)
+
+
+def error_directions(found: Measured, cell: Cell) -> Floats:
+    """Return (n, 3) unit vectors in ``turntable``, along which a stripe's noise moves points."""
+    laser = cell.lasers[found.view.laser]
+    ways = sensitivity(cell, laser, found.rays) @ cell.turntable.camera_from_base[:3, :3]
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    return turned_back(ways, found.angles)
+
+
 def slopes(found: Measured, unknowns: CellUnknowns) -> Floats:
     """Return (n, C, 3) by how many metres points move per unknown of the cell."""
-    sigma = unknowns.sigma
-    columns = [np.empty((len(found.rays), 0, 3))]
-    for index, step in enumerate(_PROBE * sigma):
-        if step == 0.0:
-            columns.append(np.zeros((len(found.rays), 1, 3)))
-            continue
-        probe = np.zeros(len(sigma))
-        probe[index] = step
-        ahead, behind = (
-            found.points(unknowns, way, unknowns.corrected(way)) for way in (probe, -probe)
-        )
-        columns.append(((ahead - behind) / (2.0 * step))[:, None])
-    return np.concatenate(columns, axis=1)
+    laser, way = found.view.laser, found.way
+    columns = np.zeros((len(found.rays), len(unknowns.names), 3))
+    for probe in unknowns.probes:
+        if probe.laser in (None, laser):
+            ahead, behind = (
+                turned_back(seen_from_base(found.rays, cell, laser), found.angles)
+                for cell in (probe.ahead, probe.behind)
+            )
+            columns[:, probe.index] = (ahead - behind) / (2.0 * probe.step)
+    x, y, _ = turned_back(seen_from_base(found.rays, unknowns.cell, laser), found.angles).T
+    turning = np.stack([y, -x, np.zeros_like(x)], axis=1)
+    basis = unknowns.angle_basis(found.angles, way)
+    columns[:, unknowns.angle_columns] = basis[:, :, None] * turning[:, None]
+    return columns
 
 
 def refined_view(found: Measured, unknowns: CellUnknowns, values: Floats) -> View:
@@ -119,6 +135,12 @@ def refined_view(found: Measured, unknowns: CellUnknowns, values: Floats) -> Vie
     points[view.valid] = found.points(unknowns, values, cell)
     error = unknowns.angle_error(values, view.angles, found.way)
     return replace(view, points_xyz=points, angles=view.angles + error)
+
+
+def seen_from_base(rays: Floats, cell: Cell, laser: int) -> Floats:
+    """Return (n, 3) where rays meet a sheet, metres in ``turntable_base``."""
+    seen = cell.lasers[laser].intersect(rays)
+    return transforms.apply(transforms.invert(cell.turntable.camera_from_base), seen)
 
 
 def turned_back(base_xyz: Floats, angles: Floats) -> Floats:

@@ -35,7 +35,7 @@ class Solution:
     values : (n,) in their units; the prior's mean is 0
     covariance : (n, n), of data and prior together
     prior_sigma : (n,) in their units; 0 is a prior that allows nothing
-    directions : (n, m) whitened directions that were solved, orthonormal columns
+    directions : (k, m) whitened directions that were solved, orthonormal columns
     surprise : chi-square of the solved values against data that found nothing
     """
 
@@ -63,8 +63,8 @@ def solve(
     Return the most probable unknowns, with the directions that are not seen at the prior.
 
     current : (n,) the unknowns at which the system was linearised
-    prior_root : (n, n), a matrix L with the prior's covariance L L'
-    directions : (n, m) solve these whitened ones, whatever the data see
+    prior_root : (n, k), a matrix L with the prior's covariance L L'
+    directions : (k, m) solve these whitened ones, whatever the data see
     """
     L = prior_root
     curvature = L.T @ system.curvature @ L
@@ -75,7 +75,7 @@ def solve(
     variance = np.maximum(variance, _LEAST_VARIANCE)
     found = axes.T @ np.linalg.solve(V.T @ curvature @ V, V.T @ pull)
     V, along = V @ axes, found / (1.0 + variance)
-    posterior = np.eye(len(L)) - V @ np.diag(1.0 / (1.0 + variance)) @ V.T
+    posterior = np.eye(L.shape[1]) - V @ np.diag(1.0 / (1.0 + variance)) @ V.T
     return Solution(
         values=L @ (V @ along),
         covariance=L @ posterior @ L.T,

@@ -59,7 +59,7 @@ class CellPrior:
     orders: int = 6
     backlash: float = math.radians(0.05)
     laser_tilt: float = math.radians(0.05)
-    laser_offset: float = 5e-5
+    laser_offset: float = 2.5e-5
 
     def __post_init__(self) -> None:
         require_sigmas(self)

@@ -11,11 +11,13 @@ distances between such pieces are functions of the cell, and the cell is what ma
 from collections.abc import Collection
 from collections.abc import Sequence
 from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Poses
@@ -26,25 +28,35 @@ from ivfmc_ros.registration.joint import reference_views
 from ivfmc_ros.registration.joint import Scene
 from ivfmc_ros.registration.joint import solve_jointly
 from ivfmc_ros.registration.measured import as_measured
+from ivfmc_ros.registration.measured import error_directions
 from ivfmc_ros.registration.measured import Measured
 from ivfmc_ros.registration.measured import measured
 from ivfmc_ros.registration.measured import refined_view
 from ivfmc_ros.registration.measured import slopes
+from ivfmc_ros.registration.pairs import Pairs
+from ivfmc_ros.registration.passes import Pass
+from ivfmc_ros.registration.passes import passes_of
 from ivfmc_ros.registration.patches import fit_patches
+from ivfmc_ros.registration.patches import Patches
 from ivfmc_ros.registration.prior import CellPrior
 from ivfmc_ros.registration.prior import pose_root
 from ivfmc_ros.registration.prior import TablePrior
 from ivfmc_ros.registration.samples import common_edge
 from ivfmc_ros.registration.samples import sample
+from ivfmc_ros.registration.samples import Samples
 from ivfmc_ros.registration.system import DOF
 from ivfmc_ros.registration.system import Slopes
 from ivfmc_ros.registration.table import significant
 from ivfmc_ros.registration.unknowns import CellUnknowns
 from ivfmc_ros.registration.unknowns import require_groups
 from ivfmc_ros.registration.verdict import trimmed_rms
+from ivfmc_ros.registration.views import sight_of
 
 # A refined scan must fit by so much better than the calibrated one.
-_GAIN = 0.995
+_GAIN = 0.95
+# A stripe's noise moves points in the sheet; of a face that lies along it at least this share of
+# it is across, because the pixels of a patch are no lines.
+_LEAST_SHARE = 0.15
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,53 +118,108 @@ def refine(
         cell=cell, groups=chosen, height=_height(views), prior=prior or CellPrior()
     )
     found = [measured(cell, view) for view in views]
-    scan = _Scan(found=found, unknowns=unknowns, edge=common_edge(list(views)))
+    scan = _Scan(
+        found=found,
+        passes=passes_of(cell, found),
+        unknowns=unknowns,
+        edge=common_edge(list(views)),
+    )
     if not np.isfinite(scan.edge):
         return scan.unchanged('not checked: no view has a surface')
-    scene = scan.scene(views)
-    still = np.tile(np.eye(4), (len(views), 1, 1))
-    before = meetings(scene, still, reach)
+    scene = scan.scene(np.zeros(len(unknowns.names)))
+    before = meetings(scene, scan.still, reach)
     if not before:
         return scan.unchanged('not checked: no surface was seen twice')
-    references, _ = reference_views(before, len(views))
-    held = np.isin(np.arange(len(views)), references) | ('poses' not in chosen)
-    root = block_diag(pose_root(table or TablePrior(), held), np.diag(unknowns.sigma))
+    held = scan.references(before) | ('poses' not in chosen)
+    root = scan.root(table or TablePrior(), held)
     joint = solve_jointly(scene, root, reach)
-    return scan.judged(joint, scene, reach)
+    misfit = _misfit(scene, scan.still, reach)
+    if significant(joint.solution):
+        # surface that a wrong cell bent is another surface: patches are fitted anew
+        scene = scan.scene(joint.cell_values)
+        joint = solve_jointly(scene, root, reach, joint)
+    return scan.judged(joint, scene, misfit, reach)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Scan:
+    """The passes of a scan take the place of its views; those of one view have one pose."""
+
     found: Sequence[Measured]
+    passes: Sequence[Pass]
     unknowns: CellUnknowns
     edge: float
 
-    def scene(self, views: Sequence[View]) -> Scene:
-        samples = [sample(view, self.edge) for view in views]
-        patches = [fit_patches(thin, self.edge) for thin in samples]
+    @property
+    def owners(self) -> Ints:
+        """(passes,) the view of each."""
+        return np.array([one.owner for one in self.passes], dtype=np.int64)
+
+    @property
+    def still(self) -> Floats:
+        """(passes, 4, 4), where the table put them."""
+        return np.tile(np.eye(4), (len(self.passes), 1, 1))
+
+    def references(self, blocks: Sequence[Pairs]) -> Bools:
+        """Return (views,) which are the first of those that hang together."""
+        of_views = [
+            replace(block, a=self.passes[block.a].owner, b=self.passes[block.b].owner)
+            for block in blocks
+        ]
+        references, _ = reference_views(of_views, len(self.found))
+        return np.isin(np.arange(len(self.found)), references)
+
+    def root(self, table: TablePrior, held: Bools) -> Floats:
+        """Return a root of the prior of the passes' poses and the cell."""
+        rows = np.add.outer(DOF * self.owners, np.arange(DOF)).ravel()
+        return np.asarray(block_diag(pose_root(table, held)[rows], np.diag(self.unknowns.sigma)))
+
+    def scene(self, values: Floats) -> Scene:
+        """Return the surface of the passes as the cell with (C,) values sees it."""
+        unknowns = replace(self.unknowns, cell=self.unknowns.corrected(values))
+        views = [refined_view(one, self.unknowns, values) for one in self.found]
+        found = [
+            replace(one, view=view, angles=one.reported(view.angles))
+            for one, view in zip(self.found, views, strict=True)
+        ]
+        samples = [self._sample(one.of(views[one.owner]), unknowns.cell) for one in self.passes]
+        patches = [
+            self._patches(thin, error_directions(found[one.owner], unknowns.cell)[one.points])
+            for one, thin in zip(self.passes, samples, strict=True)
+        ]
         angles = [
-            found.angles[thin.first[fitted.sample]]
-            for found, thin, fitted in zip(self.found, samples, patches, strict=True)
+            found[one.owner].angles[one.points][thin.first[fitted.sample]]
+            for one, thin, fitted in zip(self.passes, samples, patches, strict=True)
         ]
 
-        def slopes_at(view: int, points_xyz: Floats, near: Ints) -> Floats:
-            cell = self.unknowns.cell
-            there = as_measured(self.found[view], cell, points_xyz, angles[view][near])
-            return slopes(there, self.unknowns)
+        def slopes_at(number: int, points_xyz: Floats, near: Ints) -> Floats:
+            seen = found[self.passes[number].owner]
+            there = as_measured(seen, unknowns.cell, points_xyz, angles[number][near])
+            return slopes(there, unknowns)
 
         of_patches = [
-            slopes_at(view, fitted.points_xyz, np.arange(len(fitted)))
-            for view, fitted in enumerate(patches)
+            slopes_at(number, fitted.points_xyz, np.arange(len(fitted)))
+            for number, fitted in enumerate(patches)
         ]
         known = Slopes(of_patches=of_patches, at=slopes_at)
-        return Scene(patches=patches, slopes=known, edge=self.edge)
+        return Scene(patches=patches, slopes=known, edge=self.edge, origin=values)
 
-    def judged(self, joint: Joint, scene: Scene, reach: float) -> Refined:
+    def _sample(self, view: View, cell: Cell) -> Samples:
+        thin = sample(view, self.edge)
+        # which side was seen is known by the camera: the grid's sense changes beyond the axis
+        return replace(thin, outward=thin.means(sight_of(cell, view)))
+
+    def _patches(self, thin: Samples, ways: Floats) -> Patches:
+        """Fit patches; of the noise, along (points, 3) ways, counts what is along normals."""
+        fitted = fit_patches(thin, self.edge)
+        share = np.abs((thin.means(ways)[fitted.sample] * fitted.normals).sum(axis=1))
+        return replace(fitted, sigma=fitted.sigma * np.maximum(share, _LEAST_SHARE))
+
+    def judged(self, joint: Joint, scene: Scene, before: float, reach: float) -> Refined:
+        """Decide whether a correction is used; ``before`` : the misfit without it, metres."""
         values = joint.cell_values
         views = [refined_view(found, self.unknowns, values) for found in self.found]
-        still = np.tile(np.eye(4), (len(views), 1, 1))
-        before = _misfit(scene, still, reach)
-        after = _misfit(self.scene(views), joint.poses, reach)
+        after = _misfit(replace(scene, patches=scene.moved(values)), joint.poses, reach)
         why = 'corrected'
         if not significant(joint.solution):
             why = 'calibration confirmed: nothing clearly contradicts it'
@@ -161,22 +228,24 @@ class _Scan:
         elif after >= _GAIN * before:
             why = 'calibration believed: the correction fits no better'
         applied = why == 'corrected'
+        _, first = np.unique(self.owners, return_index=True)
+        cell = slice(DOF * len(self.passes), None)
         return Refined(
             applied=applied,
             why=why,
             cell=self.unknowns.corrected(values) if applied else self.unknowns.cell,
             views=views if applied else [found.view for found in self.found],
-            poses=Poses(turntable_from_view=joint.poses)
+            poses=Poses(turntable_from_view=joint.poses[first])
             if applied
             else Poses.identity(len(views)),
             estimates=self._estimates(joint),
-            covariance=joint.solution.covariance[DOF * len(views) :, DOF * len(views) :],
+            covariance=joint.solution.covariance[cell, cell],
             rms_before=before,
             rms_after=after if applied else before,
         )
 
     def _estimates(self, joint: Joint) -> list[Estimate]:
-        first = DOF * len(self.found)
+        first = DOF * len(self.passes)
         solution = joint.solution
         columns = (
             self.unknowns.names,

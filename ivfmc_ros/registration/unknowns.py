@@ -5,6 +5,7 @@
 from collections.abc import Collection
 from dataclasses import dataclass
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,6 +21,25 @@ REFINABLE = ('poses', 'axis', 'angle', 'lasers')
 
 _AXIS = ('axis x', 'axis y', 'axis tilt x', 'axis tilt y')
 _PLANE = ('yaw', 'roll', 'offset')
+
+
+# Share of its prior's sigma by which an unknown is changed for a derivative.
+_PROBE = 0.5
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Probe:
+    """
+    The cell with one unknown changed by ``step`` ahead and behind.
+
+    index : of the unknown; laser : the only one whose points move by it, None for all
+    """
+
+    index: int
+    laser: int | None
+    step: float
+    ahead: Cell
+    behind: Cell
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -93,14 +113,50 @@ class CellUnknowns:
 
         angles : (n,) radians as reported; way : 1 for a sweep of rising angles, -1 for falling
         """
+        return np.asarray(self.angle_basis(angles, way) @ values[self.angle_columns])
+
+    @property
+    def angle_columns(self) -> slice:
+        """Which of the unknowns are of the table's angle."""
         if 'angle' not in self.groups:
-            return np.zeros_like(angles)
-        known = dict(zip(self.names, values, strict=True))
-        error = np.full_like(angles, 0.5 * way * known['backlash'])
-        for order in range(1, self.prior.orders + 1):
-            error += known[f'angle cos {order}'] * np.cos(order * angles)
-            error += known[f'angle sin {order}'] * np.sin(order * angles)
-        return error
+            return slice(0, 0)
+        first = len(_AXIS) if 'axis' in self.groups else 0
+        return slice(first, first + 2 * self.prior.orders + 1)
+
+    def angle_basis(self, angles: Floats, way: float) -> Floats:
+        """Return (n, A) by how many radians the table is ahead per unknown of its angle."""
+        if 'angle' not in self.groups:
+            return np.zeros((len(angles), 0))
+        turn = np.outer(angles, np.arange(1, self.prior.orders + 1))
+        basis = np.empty((len(angles), 2 * self.prior.orders + 1))
+        basis[:, 0:-1:2], basis[:, 1:-1:2], basis[:, -1] = np.cos(turn), np.sin(turn), 0.5 * way
+        return basis
+
+    @cached_property
+    def probes(self) -> list[Probe]:
+        """What is changed for the derivatives by axis and planes; of allowed changes only."""
+        probes = []
+        lasers = {
+            f'{laser.name} {part}': k
+            for k, laser in enumerate(self.cell.lasers)
+            for part in _PLANE
+        }
+        angle = range(*self.angle_columns.indices(len(self.names)))
+        for index, (name, step) in enumerate(zip(self.names, _PROBE * self.sigma, strict=True)):
+            if index in angle or step == 0.0:
+                continue
+            change = np.zeros(len(self.names))
+            change[index] = step
+            probes.append(
+                Probe(
+                    index=index,
+                    laser=lasers.get(name),
+                    step=float(step),
+                    ahead=self.corrected(change),
+                    behind=self.corrected(-change),
+                )
+            )
+        return probes
 
     def _plane(self, laser: LaserPlane, yaw: float, roll: float, offset: float) -> LaserPlane:
         """Turn a plane about the point of it nearest to the middle of the volume."""

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.model import Bools
@@ -129,6 +130,13 @@ def grid_normals(view: View) -> Floats:
         across = across[:, 1:-1]
     with np.errstate(invalid='ignore'):
         return np.asarray(across / np.linalg.norm(across, axis=2, keepdims=True))
+
+
+def sight_of(cell: Cell, view: View) -> Floats:
+    """Return (n, 3) metres in ``turntable`` from the view's valid points to the camera."""
+    eye = cell.turntable.to_part(np.zeros((1, 3)), 0.0)
+    eyes = np.concatenate([eye @ R.T for R in transforms.rotation_z(-view.angles)])
+    return np.asarray((eyes[None] - view.points_xyz)[view.valid])
 
 
 def without(view: View, removed: Bools) -> View:
