@@ -4,6 +4,7 @@
 
 from dataclasses import dataclass
 from dataclasses import field
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,8 +19,8 @@ from ivfmc_ros.registration.samples import sample
 from ivfmc_ros.registration.table import place_on
 from ivfmc_ros.registration.verdict import Verdict
 
-# So few samples of a view are enough for a first placing.
-_MOST = 3000
+# So few samples of a view are enough for a first placing, each the mean of so many rows at most.
+_MOST, _ROWS = 800, 3
 
 
 @dataclass(kw_only=True)
@@ -51,15 +52,36 @@ class Incremental:
         if not np.isfinite(self._edge):
             self._edge = common_edge([view], _MOST)
         step = self._edge if np.isfinite(self._edge) else 1.0
-        patches = fit_patches(sample(view, step), step)
+        patches = fit_patches(sample(_thinned(view, step), step), step)
         last = next(reversed(self.poses.values()), np.eye(4))
         T, verdict = np.eye(4), Verdict(view=view.number, applied=False, why='reference')
         if any(len(known) for known in self._known):
+            here = patches.posed(last)
             found, verdict = place_on(
-                joined(self._known), patches.posed(last), step, view.number, self.prior, self.reach
+                self._around(here), here, step, view.number, self.prior, self.reach
             )
             T = found @ last
         self._known.append(patches.posed(T))
         self.poses[view.number] = T
         self.verdicts[view.number] = verdict
         return verdict
+
+    def _around(self, patches: Patches) -> Patches:
+        """Return the surface known so far that patches may meet."""
+        known = joined(self._known)
+        margin = self.reach + 2.0 * self._edge
+        low = patches.points_xyz.min(axis=0, initial=np.inf) - margin
+        high = patches.points_xyz.max(axis=0, initial=-np.inf) + margin
+        inside = ((known.points_xyz > low) & (known.points_xyz < high)).all(axis=1)
+        return known.chosen(inside)
+
+
+def _thinned(view: View, edge: float) -> View:
+    """Return some rows of a view: a camera has many more of them than a placing needs."""
+    down = np.linalg.norm(np.diff(view.points_xyz, axis=0), axis=2)
+    known = down[np.isfinite(down)]
+    every = int(edge / _ROWS / np.median(known)) if known.size and np.median(known) > 0 else 1
+    some = slice(None, None, max(every, 1))
+    arrays = ('points_xyz', 'intensity', 'sigma', 'uv')
+    colour = None if view.colour is None else view.colour[some]
+    return replace(view, **{name: getattr(view, name)[some] for name in arrays}, colour=colour)

@@ -57,6 +57,9 @@ def sample(view: View, edge: float) -> Samples:
     """
     Return the means of a view's points over cubes of ``edge`` metres.
 
+    The cubes lie along the view's own principal axes, so that a view has the same samples
+    wherever it stands, and a registration the same answer from wherever it starts.
+
     :raises GeometryError: a point is farther away than any table, or partly not a number
     """
     valid = view.valid
@@ -71,7 +74,7 @@ def sample(view: View, edge: float) -> Samples:
             f'view {view.number}: has points farther than {_FARTHEST:.0f} m from the table; '
             'coordinates are metres'
         )
-    order, starts = _cubes(points, edge)
+    order, starts = _cubes(_in_own_frame(points), edge)
     counts = np.diff(np.append(starts, len(points)))
     grouped = Samples(
         points_xyz=np.empty((len(starts), 3)),
@@ -117,6 +120,16 @@ def _area(view: View) -> float:
     quads = (down * right)[np.isfinite(down * right)]
     # a few long steps over a gap are no surface
     return float(np.minimum(quads, 10 * np.median(quads)).sum()) if quads.size else 0.0
+
+
+def _in_own_frame(points: Floats) -> Floats:
+    """Return (n, 3) points along their principal axes, each towards its longer tail."""
+    if len(points) < 2:
+        return points
+    spread = points - points.mean(axis=0)
+    axes = np.linalg.eigh(spread.T @ spread)[1]
+    along = spread @ axes
+    return np.asarray(along * np.where((along**3).sum(axis=0) < 0.0, -1.0, 1.0))
 
 
 def _cubes(points: Floats, edge: float) -> tuple[Ints, Ints]:

@@ -18,7 +18,7 @@ DOF = 6  # rotation vector (radians) about the frame's origin, translation (metr
 _CLUSTER = 5.0  # in patch spacings
 # Whole regions of this edge are displaced by this share of a patch's sigma: quadrics are not the
 # surface, and stripes are not measured without bias.
-_REGION, _SYSTEMATIC = 20.0, 0.4
+_REGION, _SYSTEMATIC = 20.0, 0.6
 # Residuals of so many sigmas are no outliers.
 _ROBUST = 2.5
 

@@ -59,7 +59,7 @@ def test_all_views_are_solved_at_once():
     poses, verdicts = align(views, 'joint')
     assert [verdict.applied for verdict in verdicts] == [False, True, True, True]
     for found, T in zip(poses.turntable_from_view, truth, strict=True):
-        assert np.abs(found - T).max() < 2e-5
+        assert np.abs(found - T).max() < 3e-5
 
 
 def test_views_that_agree_stay_where_they_are():
