@@ -28,10 +28,14 @@ def settled(part, turn, aside=(0.0, 0.0)):
     return transforms.rigid(turn.as_matrix(), (*(aside - (low + high)[:2] / 2), -low[2]))
 
 
-def clamped(name, cell, part, T, steps=100, seed=1):
-    """Return a scan of a part at T (turntable_from_part), exact stripes with noise."""
+def clamped(name, cell, part, T, steps=100, seed=1, measure=stripes):
+    """
+    Return a scan of a part at T (turntable_from_part).
+
+    measure : gives the stripes; by default exact ones with noise
+    """
     sweeps = turns(steps, np.zeros_like)
-    measured = stripes(cell, part.moved(T), sweeps, seed)
+    measured = measure(cell, part.moved(T), sweeps, seed)
     views = views_of(cell, measured, sweeps)
     return Clamping(name=name, cell=cell, views=views, poses=Poses.identity(len(views)))
 

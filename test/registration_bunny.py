@@ -110,6 +110,12 @@ def ours(scans: Sequence[Scan], starts: Sequence[Floats]) -> tuple[list[Floats],
     return found, seconds
 
 
+def ours_from(seed: int) -> list[Floats]:
+    """Return what is found from one displaced start."""
+    scans = load_bunny(bunny_folder())
+    return ours(scans, displaced(scans, seed))[0]
+
+
 def _moved(view: View, T: Floats) -> View:
     return replace(view, points_xyz=transforms.apply(T, view.points_xyz))
 
@@ -212,3 +218,23 @@ def mean_poses(answers: Sequence[Sequence[Floats]], scans: Sequence[Scan]) -> li
         placed = np.mean([transforms.apply(T, middle) for T in poses], axis=0)
         means.append(transforms.rigid(R, placed - R @ middle))
     return means
+
+
+def alike(
+    answers: Sequence[Sequence[Floats]],
+    scans: Sequence[Scan],
+    degrees: float = 0.02,
+    metres: float = 2e-5,
+) -> tuple[int, str]:
+    """
+    Return how many answers are the same, and how far all are from their mean, in words.
+
+    Each answer in turn is what the others are compared with; the fewest that agree count.
+    """
+    agree = []
+    for one in answers:
+        off = np.array([apart(other, one, scans).max(axis=0) for other in answers])
+        agree.append(int(((off[:, 0] < degrees) & (off[:, 1] < metres)).sum()))
+    middle = mean_poses(answers, scans)
+    turn, shift = np.max([apart(one, middle, scans).max(axis=0) for one in answers], axis=0)
+    return min(agree), f'{turn:.4f} degrees, {shift * 1e3:.4f} mm'

@@ -8,24 +8,22 @@ from dataclasses import replace
 from functools import cached_property
 
 from erring_table import erring_cell
-from erring_table import stripes
 from erring_table import Sweep
 from erring_table import turns
 from erring_table import views_of
 import numpy as np
+from rendered_stripes import Job
+from rendered_stripes import jobs_of
+from rendered_stripes import stripes_of
 from scipy.spatial.transform import Rotation
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Poses
-from ivfmc_ros.model import Profile
 from ivfmc_ros.model import View
-from ivfmc_ros.registration.views import assemble
-from ivfmc_ros.simulation.render import StripeRenderer
 from ivfmc_ros.simulation.solids import Solid
-from ivfmc_ros.stripe.acquisition import Acquisition
-from ivfmc_ros.stripe.acquisition import AcquisitionSettings
+from ivfmc_ros.stripe.stripe import Stripe
 from ivfmc_ros.surface import Surface
 
 ANGLE, BACKLASH = np.radians(0.1), np.radians(0.05)
@@ -57,19 +55,24 @@ class Errors:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A two-laser scan of a part, second sweep backward, as the camera measured it."""
+    """A rendered two-laser scan of a part, second sweep backward, as the camera measured it."""
 
     cell: Cell
     part: Solid
     steps: int
+    seed: int = 1
 
     @cached_property
     def sweeps(self) -> list[Sweep]:
         return turns(self.steps, np.zeros_like)
 
+    @property
+    def jobs(self) -> list[Job]:
+        return jobs_of(self.cell, self.part, self.sweeps, self.seed)
+
     @cached_property
-    def measured(self):
-        return stripes(self.cell, self.part, self.sweeps, 1)
+    def measured(self) -> list[list[Stripe]]:
+        return [stripes_of(job) for job in self.jobs]
 
     @cached_property
     def nominal(self) -> Surface:
@@ -94,6 +97,33 @@ class Recording:
         ]
         believed = errors.cell(self.cell)
         return believed, views_of(believed, self.measured, sweeps)
+
+    def truth(self, believed: Cell, errors: Errors, height: float) -> dict[str, float]:
+        """Return by name what the believed cell, and the table, have wrong."""
+        base = believed.turntable.camera_from_base
+        middle = np.array([0.0, 0.0, height])
+        error = transforms.invert(base) @ self.cell.turntable.camera_from_base
+        lean = Rotation.from_matrix(error[:3, :3]).as_rotvec()
+        shift = transforms.apply(error, middle[None])[0] - middle
+        known = {
+            'axis x': shift[0],
+            'axis y': shift[1],
+            'axis tilt x': lean[0],
+            'axis tilt y': lean[1],
+            'backlash': BACKLASH,
+            f'angle cos {errors.order}': ANGLE * np.cos(errors.phase),
+            f'angle sin {errors.order}': -ANGLE * np.sin(errors.phase),
+        }
+        here = transforms.apply(base, middle[None])[0]
+        for laser, true in zip(believed.lasers, self.cell.lasers, strict=True):
+            centre = here - laser.normal * (laser.normal @ here + laser.offset)
+            upright = base[:3, 2] - laser.normal * (laser.normal @ base[:3, 2])
+            upright = upright / np.linalg.norm(upright)
+            turn = np.cross(laser.normal, true.normal)
+            known[f'{laser.name} yaw'] = turn @ upright
+            known[f'{laser.name} roll'] = turn @ np.cross(laser.normal, upright)
+            known[f'{laser.name} offset'] = true.normal @ centre + true.offset
+        return known
 
     def rms(self, views: Sequence[View], poses: Poses | None = None) -> float:
         return best_fit_rms(cloud(views, poses), self.nominal)
@@ -127,24 +157,3 @@ def share_left(uncorrected: float, corrected: float, perfect: float) -> float:
     """Return sqrt(C^2 - P^2) / sqrt(U^2 - P^2)."""
     left = max(corrected**2 - perfect**2, 0.0)
     return float(np.sqrt(left / max(uncorrected**2 - perfect**2, 1e-30)))
-
-
-def rendered_views(
-    cell: Cell, part: Solid, errors: Errors, steps: int
-) -> tuple[Cell, list[View], list[View]]:
-    """Return the believed cell, its views, and those of the true cell, all from pictures."""
-    renderer = StripeRenderer(cell=cell, solid=part, platter=None, seed=5)
-    believed = errors.cell(cell)
-    found: tuple[list[Profile], list[Profile]] = ([], [])
-    taken = [Acquisition(each, AcquisitionSettings()) for each in (believed, cell)]
-    for sweep in turns(steps, np.zeros_like):
-        reported = sweep.true - errors.of_angle(sweep.true) - 0.5 * BACKLASH * (-1) ** sweep.laser
-        for true, told in zip(sweep.true, reported, strict=True):
-            seq = len(found[0])
-            frame = renderer.render(float(true), sweep.laser, seq=seq, view=sweep.laser)
-            if not seq:
-                for each in taken:
-                    each.prepare([frame])
-            found[0].append(taken[0].profile(replace(frame, angle=float(told))))
-            found[1].append(taken[1].profile(frame))
-    return believed, assemble(believed, found[0]), assemble(cell, found[1])

@@ -10,6 +10,7 @@ so that none is ever stale.
 from collections.abc import Sequence
 import hashlib
 from pathlib import Path
+from typing import NamedTuple
 
 from erring_table import Sweep
 import numpy as np
@@ -27,81 +28,98 @@ from ivfmc_ros.stripe.triangulate import sensitivity
 KEPT = Path(__file__).resolve().parents[1] / 'build' / 'bench' / 'stripes'
 _SOURCES = ('cell', 'simulation', 'stripe')
 _PREPARED = 8  # pictures by which the extraction decides what its settings leave open
+_FIELDS = ('uv', 'intensity', 'width', 'sigma')
 
 
-def rendered_stripes(
-    cell: Cell, solid: Solid, sweeps: Sequence[Sweep], seed: int, folder: Path = KEPT
-) -> list[list[Stripe]]:
-    """Return what is found in a picture of each profile of each sweep, no platter in sight."""
+class Job(NamedTuple):
+    """Pictures of one laser on a solid as it stands at table angle 0, no platter in sight."""
+
+    cell: Cell
+    solid: Solid
+    laser: int
+    angles: Floats
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """A name for all that the stripes depend on."""
+        digest = hashlib.sha256()
+        package = Path(ivfmc_ros.__file__).parent
+        for folder in _SOURCES:
+            for source in sorted((package / folder).glob('*.py')):
+                digest.update(source.read_bytes())
+        plane = self.cell.lasers[self.laser]
+        numbers = (
+            self.cell.camera.K,
+            self.cell.camera.distortion,
+            self.cell.turntable.camera_from_base,
+            np.append(plane.normal, plane.offset),
+            self.solid.vertices_xyz,
+            self.solid.faces,
+            np.append(self.angles, (self.laser, self.seed)),
+        )
+        for values in numbers:
+            digest.update(np.ascontiguousarray(values, dtype=np.float64).tobytes())
+        return digest.hexdigest()[:24]
+
+
+def jobs_of(cell: Cell, solid: Solid, sweeps: Sequence[Sweep], seed: int) -> list[Job]:
+    """Return what is to be rendered for each sweep."""
     return [
-        _kept(cell, solid.moved(sweep.slip), sweep.laser, sweep.true, seed + 1000 * number, folder)
+        Job(cell, solid.moved(sweep.slip), sweep.laser, sweep.true, seed + 1000 * number)
         for number, sweep in enumerate(sweeps)
     ]
 
 
-def _kept(
-    cell: Cell, solid: Solid, laser: int, angles: Floats, seed: int, folder: Path
-) -> list[Stripe]:
-    file = folder / f'{_key(cell, solid, laser, angles, seed)}.npz'
-    if not file.exists():
-        found = _rendered(cell, solid, laser, angles, seed)
-        folder.mkdir(parents=True, exist_ok=True)
-        whole = file.with_suffix(f'.{seed}.part.npz')
-        np.savez(
-            whole,
-            counts=[len(stripe) for stripe in found],
-            **{
-                name: np.concatenate([getattr(stripe, name) for stripe in found])
-                for name in ('uv', 'intensity', 'width', 'sigma')
-            },
-        )
-        whole.rename(file)
-    with np.load(file) as arrays:
+def rendered_stripes(
+    cell: Cell, solid: Solid, sweeps: Sequence[Sweep], seed: int
+) -> list[list[Stripe]]:
+    """Return what is found in a picture of each profile of each sweep."""
+    return [stripes_of(job) for job in jobs_of(cell, solid, sweeps, seed)]
+
+
+def render(job: Job, folder: Path = KEPT) -> None:
+    """Have the stripes of a job on disk."""
+    file = folder / f'{job.name}.npz'
+    if file.exists():
+        return
+    found = _rendered(job)
+    columns = {name: np.concatenate([getattr(s, name) for s in found]) for name in _FIELDS}
+    folder.mkdir(parents=True, exist_ok=True)
+    part = file.with_suffix('.part.npz')
+    np.savez(part, counts=[len(stripe) for stripe in found], **columns)
+    part.rename(file)
+
+
+def stripes_of(job: Job, folder: Path = KEPT) -> list[Stripe]:
+    """Return the stripe of each picture of a job."""
+    render(job, folder)
+    with np.load(folder / f'{job.name}.npz') as arrays:
         ends = np.cumsum(arrays['counts'])[:-1]
-        columns = {
-            name: np.split(arrays[name], ends) for name in ('uv', 'intensity', 'width', 'sigma')
-        }
+        columns = [np.split(arrays[name], ends) for name in _FIELDS]
     return [
-        Stripe(**{name: parts[k] for name, parts in columns.items()}) for k in range(len(angles))
+        Stripe(**dict(zip(_FIELDS, values, strict=True))) for values in zip(*columns, strict=True)
     ]
 
 
-def _rendered(cell: Cell, solid: Solid, laser: int, angles: Floats, seed: int) -> list[Stripe]:
-    renderer = StripeRenderer(cell=cell, solid=solid, platter=None, seed=seed)
+def _rendered(job: Job) -> list[Stripe]:
+    cell, laser = job.cell, job.cell.lasers[job.laser]
+    renderer = StripeRenderer(cell=cell, solid=job.solid, platter=None, seed=job.seed)
     acquisition = Acquisition(cell, AcquisitionSettings())
-    some = np.linspace(0, len(angles) - 1, _PREPARED).astype(int)
-    acquisition.prepare([renderer.render(float(angles[k]), laser, seq=int(k)) for k in some])
+    some = np.linspace(0, len(job.angles) - 1, _PREPARED).astype(int)
+    acquisition.prepare(
+        [renderer.render(float(job.angles[k]), job.laser, seq=int(k)) for k in some]
+    )
     found = []
-    for seq, angle in enumerate(angles):
-        profile = acquisition.profile(renderer.render(float(angle), laser, seq=seq))
-        slopes = sensitivity(cell, cell.lasers[laser], cell.camera.rays(profile.uv))
+    for seq, angle in enumerate(job.angles):
+        profile = acquisition.profile(renderer.render(float(angle), job.laser, seq=seq))
+        slopes = sensitivity(cell, laser, cell.camera.rays(profile.uv))
         found.append(
             Stripe(
                 uv=profile.uv,
                 intensity=profile.intensity,
-                width=np.full(len(profile), 2.5),
+                width=np.full(len(profile), np.nan),  # of no use to a triangulation
                 sigma=profile.sigma / np.linalg.norm(slopes, axis=1),
             )
         )
     return found
-
-
-def _key(cell: Cell, solid: Solid, laser: int, angles: Floats, seed: int) -> str:
-    digest = hashlib.sha256()
-    package = Path(ivfmc_ros.__file__).parent
-    for folder in _SOURCES:
-        for source in sorted((package / folder).glob('*.py')):
-            digest.update(source.read_bytes())
-    plane = cell.lasers[laser]
-    numbers = (
-        cell.camera.K,
-        cell.camera.distortion,
-        cell.turntable.camera_from_base,
-        np.append(plane.normal, plane.offset),
-        solid.vertices_xyz,
-        solid.faces,
-        np.append(angles, (laser, seed)),
-    )
-    for values in numbers:
-        digest.update(np.ascontiguousarray(values, dtype=np.float64).tobytes())
-    return digest.hexdigest()[:24]

@@ -9,11 +9,12 @@ import click
 
 from ivfmc_ros import files
 from ivfmc_ros.cli.progress import progress_bars
-from ivfmc_ros.cli.reconstruct import open_bag
 from ivfmc_ros.cli.reconstruct import say
 from ivfmc_ros.cli.settings import reconstruction_options
 from ivfmc_ros.cli.settings import settings_of
-from ivfmc_ros.errors import FileError
+from ivfmc_ros.cli.source import bag_of
+from ivfmc_ros.cli.source import open_bag
+from ivfmc_ros.cli.source import source_options
 from ivfmc_ros.pipeline import clamping_of
 from ivfmc_ros.pipeline import join
 from ivfmc_ros.pipeline import measure
@@ -26,27 +27,7 @@ from ivfmc_ros.storage.stored_scan import retrieve
 
 @click.command()
 @click.argument('sources', nargs=-1, metavar='SCAN SCAN...')
-@click.option(
-    '--cell',
-    'cell_path',
-    type=click.Path(path_type=Path),
-    help='cell.yaml of all scans (default: the one beside each).',
-)
-@click.option(
-    '-o',
-    '--output',
-    type=click.Path(path_type=Path),
-    required=True,
-    help='Folder to make; must not exist yet.',
-)
-@click.option(
-    '--scans',
-    'root',
-    type=click.Path(path_type=Path),
-    default=Path('ivfmc_run') / 'scans',
-    show_default=True,
-    help='Folder of the scans, where a scan id is looked for.',
-)
+@source_options
 @reconstruction_options
 def merge(
     sources: tuple[str, ...], cell_path: Path | None, output: Path, root: Path, **options: Any
@@ -69,13 +50,11 @@ def merge(
 
 
 def _clamping(source: str, root: Path, cell_path: Path | None, settings: Settings) -> Clamping:
-    bag = Path(source)
-    if bag.exists():
+    bag = bag_of(source)
+    if bag is not None:
         scan, cell = open_bag(bag, cell_path, None)
         with progress_bars() as progress:
             profiles = measure(cell, scan.frames(), settings, scan.frame_count, progress)
-    elif '/' in source or source.endswith('.mcap'):
-        raise FileError(f'{source}: there is no such bag')
     else:
         profiles, cell = retrieve(root, source, cell_path)
     return clamping_of(source, cell, profiles, settings)

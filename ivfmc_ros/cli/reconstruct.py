@@ -10,54 +10,30 @@ import click
 from rich.console import Console
 
 from ivfmc_ros import files
-from ivfmc_ros.cell.camera_file import load_camera
 from ivfmc_ros.cell.cell import Cell
-from ivfmc_ros.cell.cell_file import load_draft
 from ivfmc_ros.cli.progress import progress_bars
 from ivfmc_ros.cli.settings import reconstruction_options
 from ivfmc_ros.cli.settings import settings_of
-from ivfmc_ros.errors import FileError
-from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.cli.source import bag_of
+from ivfmc_ros.cli.source import open_bag
+from ivfmc_ros.cli.source import source_options
 from ivfmc_ros.pipeline import rebuild
 from ivfmc_ros.pipeline import reconstruct as run
 from ivfmc_ros.pipeline import Reconstruction
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.results import write_results
-from ivfmc_ros.scan.record import load_parameters
 from ivfmc_ros.storage.catalogue import Catalogue
-from ivfmc_ros.storage.scan_bag import read_scan
-from ivfmc_ros.storage.scan_bag import ScanBag
 from ivfmc_ros.storage.stored_scan import retrieve
 
 
 @click.command()
 @click.argument('source', metavar='BAG|SCAN_ID')
-@click.option(
-    '--cell',
-    'cell_path',
-    type=click.Path(path_type=Path),
-    help='cell.yaml: lasers and turntable (default: the one beside the bag of a scan).',
-)
+@source_options
 @click.option(
     '--camera',
     'camera_path',
     type=click.Path(path_type=Path),
     help='Camera calibration to use instead of the one in the bag.',
-)
-@click.option(
-    '-o',
-    '--output',
-    type=click.Path(path_type=Path),
-    required=True,
-    help='Folder to make; must not exist yet.',
-)
-@click.option(
-    '--scans',
-    'root',
-    type=click.Path(path_type=Path),
-    default=Path('ivfmc_run') / 'scans',
-    show_default=True,
-    help='Folder of the scans, where SCAN_ID is looked for.',
 )
 @reconstruction_options
 def reconstruct(
@@ -76,15 +52,13 @@ def reconstruct(
     """
     settings = settings_of(options)
     files.require_new_folder(output)
-    bag = Path(source)
-    if bag.exists():
+    bag = bag_of(source)
+    if bag is not None:
         made, cell, skipped = _from_bag(bag, cell_path, camera_path, settings)
-    elif '/' in source or source.endswith('.mcap'):
-        raise FileError(f'{source}: there is no such bag')
     else:
         made, cell, skipped = _from_catalogue(root, source, cell_path, camera_path, settings)
     document = write_results(output, cell, made, source, skipped)
-    if not bag.exists():
+    if bag is None:
         counts = {**document['counts'], 'residuals': document['residuals']}
         Catalogue(root).add_result(source, str(output.absolute()), {'counts': counts})
     say(output, document)
@@ -97,25 +71,6 @@ def _from_bag(
     with progress_bars() as progress:
         made = run(cell, scan.frames(), settings, scan.frame_count, progress)
     return made, cell, scan.skipped
-
-
-def open_bag(bag: Path, cell_path: Path | None, camera_path: Path | None) -> tuple[ScanBag, Cell]:
-    """
-    Return the pictures of a bag, and the cell that took them.
-
-    cell_path, camera_path : to use instead of what lies beside the bag, and in it
-    :raises ParameterError: there is no cell.yaml
-    """
-    folder = bag if bag.is_dir() else bag.parent
-    path = cell_path or folder / 'cell.yaml'
-    if cell_path is None and not path.is_file():
-        raise ParameterError('--cell cell.yaml is needed: there is none beside the bag')
-    draft = load_draft(path)
-    camera = None if camera_path is None else load_camera(camera_path)
-    names = [laser.name for laser in draft.lasers]
-    dark = bool(load_parameters(folder).get('dark_frames'))
-    scan = read_scan(bag, lasers=names, camera=camera, dark=dark)
-    return scan, draft.complete(scan.camera, str(path))
 
 
 def _from_catalogue(

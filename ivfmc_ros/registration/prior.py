@@ -45,12 +45,15 @@ class TablePrior:
 @dataclass(frozen=True, kw_only=True)
 class CellPrior:
     """
-    1 sigma of what a calibration may have left wrong, radians and metres.
+    1 sigma of what may be wrong with a cell, radians and metres.
+
+    The covariances of the calibration, where the cell has them, come on top.
 
     axis_offset, axis_tilt : of the axis, across it
     angle : of each coefficient of the table's periodic angle error; orders : how many of them
     backlash : between sweeps of opposite direction
-    laser_tilt, laser_offset : of each plane, about and from the middle of the volume
+    laser_tilt, laser_offset : of each plane, about and from the middle of the volume; the offset
+        is what a turn by the tilt about a point some 30 mm aside makes
     """
 
     axis_offset: float = 1e-4

@@ -22,6 +22,7 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
+from ivfmc_ros.registration.calibrated import prior_covariance
 from ivfmc_ros.registration.joint import Joint
 from ivfmc_ros.registration.joint import meetings
 from ivfmc_ros.registration.joint import reference_views
@@ -84,6 +85,7 @@ class Refined:
     views, poses : of the corrected cell
     covariance : (C, C) of the estimates, in their order
     rms_before, rms_after : metres, between pieces of surface that two sweeps saw, trimmed
+    height : metres above the platter of the point about which axis and planes were turned
     """
 
     applied: bool
@@ -95,6 +97,7 @@ class Refined:
     covariance: Floats
     rms_before: float
     rms_after: float
+    height: float
 
 
 def refine(
@@ -242,6 +245,7 @@ class _Scan:
             covariance=joint.solution.covariance[cell, cell],
             rms_before=before,
             rms_after=after if applied else before,
+            height=self.unknowns.height,
         )
 
     def _estimates(self, joint: Joint) -> list[Estimate]:
@@ -260,7 +264,8 @@ class _Scan:
         ]
 
     def unchanged(self, why: str) -> Refined:
-        sigma = self.unknowns.sigma
+        covariance = prior_covariance(self.unknowns)
+        sigma = np.sqrt(np.diag(covariance))
         named = zip(self.unknowns.names, sigma.tolist(), strict=True)
         return Refined(
             applied=False,
@@ -272,9 +277,10 @@ class _Scan:
                 Estimate(name=name, value=0.0, sigma=s, prior_sigma=s, observed=False)
                 for name, s in named
             ],
-            covariance=np.diag(sigma**2),
+            covariance=covariance,
             rms_before=float('nan'),
             rms_after=float('nan'),
+            height=self.unknowns.height,
         )
 
 

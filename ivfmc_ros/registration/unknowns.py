@@ -160,6 +160,17 @@ class CellUnknowns:
 
     def _plane(self, laser: LaserPlane, yaw: float, roll: float, offset: float) -> LaserPlane:
         """Turn a plane about the point of it nearest to the middle of the volume."""
+        centre, upright, across = self.frame_of(laser)
+        turn = Rotation.from_rotvec(yaw * upright + roll * across)
+        normal = turn.apply(laser.normal)
+        bow = laser.bow
+        if bow is not None:
+            moved = centre + turn.apply(bow.center - centre) - offset * normal
+            bow = replace(bow, center=moved, along=turn.apply(bow.along))
+        return replace(laser, normal=normal, offset=float(offset - normal @ centre), bow=bow)
+
+    def frame_of(self, laser: LaserPlane) -> tuple[Floats, Floats, Floats]:
+        """Return the centre of a plane (metres), and the axes of its yaw and of its roll."""
         base = self.cell.turntable.camera_from_base
         middle = base[:3, :3] @ (0.0, 0.0, self.height) + base[:3, 3]
         centre = middle - laser.normal * (laser.normal @ middle + laser.offset)
@@ -167,13 +178,7 @@ class CellUnknowns:
         if np.linalg.norm(upright) < 0.1:  # a level sheet: any direction in it
             upright = base[:3, 0] - laser.normal * (laser.normal @ base[:3, 0])
         upright = upright / np.linalg.norm(upright)
-        turn = Rotation.from_rotvec(yaw * upright + roll * np.cross(laser.normal, upright))
-        normal = turn.apply(laser.normal)
-        bow = laser.bow
-        if bow is not None:
-            moved = centre + turn.apply(bow.center - centre) - offset * normal
-            bow = replace(bow, center=moved, along=turn.apply(bow.along))
-        return replace(laser, normal=normal, offset=float(offset - normal @ centre), bow=bow)
+        return centre, upright, np.cross(laser.normal, upright)
 
 
 def require_groups(groups: Collection[str]) -> frozenset[str]:
