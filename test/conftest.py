@@ -9,8 +9,17 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 
-# Nodes and boards in these live in real time; whatever runs beside them makes them late.
-ALONE = ('cli/test_processes.py', 'devices', 'graph', 'nodes', 'simulation/test_live_cell.py')
+# Boards, cameras and whole cells in these live in real time; what runs beside makes them late.
+ALONE = (
+    'cli/test_processes.py',
+    'devices',
+    'graph',
+    'nodes/test_camera.py',
+    'nodes/test_live_is_offline.py',
+    'nodes/test_orchestrator.py',
+    'nodes/test_turntable.py',
+    'simulation/test_live_cell.py',
+)
 # The longest file, which would keep one worker busy when the other has ended.
 FIRST = 'test_real_scan.py'
 
