@@ -202,6 +202,7 @@ class Mesh:
     sigma : (n,) float64, metres, 1 sigma of the vertex along its measuring direction
     intensity : (n,) float64, grey values
     kind : (m,) uint8, MEASURED, BRIDGED, BASE or FILLED; None if all faces were measured
+    flying : pieces that were left out, small ones far from the rest
     """
 
     vertices_xyz: Floats
@@ -210,6 +211,7 @@ class Mesh:
     sigma: Floats
     intensity: Floats
     kind: Kinds | None = None
+    flying: int = 0
 
     def __post_init__(self) -> None:
         count = len(self.vertices_xyz)

@@ -37,6 +37,7 @@ def mesh_figures(mesh: Mesh) -> dict[str, Any]:
     kind = np.zeros(len(mesh.faces)) if mesh.kind is None else mesh.kind
     return {
         'faces': {name: int((kind == number).sum()) for name, number in _KINDS.items()},
+        'flying_pieces': mesh.flying,
         'open_loops': len(loops),
         'longest_loops': [
             {'edges': loop.edges, 'length_m': loop.length, 'center_xyz_m': list(loop.center_xyz)}

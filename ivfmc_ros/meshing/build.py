@@ -15,6 +15,7 @@ from ivfmc_ros.meshing.join import join_views
 from ivfmc_ros.meshing.poisson import poisson
 from ivfmc_ros.meshing.settings import MeshSettings
 from ivfmc_ros.meshing.thin import decimated
+from ivfmc_ros.meshing.view_samples import from_views
 from ivfmc_ros.model import Mesh
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
@@ -43,7 +44,7 @@ def build_mesh(
     else:
         share = _VOXEL if settings.method == 'integrate' else 1.0
         voxel = settings.voxel or share * usual_voxel(views)
-        samples = sampling.from_views(cell, views, poses, reach, voxel)
+        samples = from_views(cell, views, poses, reach, voxel)
         if settings.method == 'poisson':
             mesh = poisson(samples, voxel, reach, settings)
         else:

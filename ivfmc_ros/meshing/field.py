@@ -38,6 +38,7 @@ class Sums:
     normals, points : three each, of weight * n and weight * p, with p in voxels
     offset : of weight * n.p
     counts : of samples; light : of their intensity
+    points_seen : of all points, those without a normal too
     """
 
     weight: Singles
@@ -46,6 +47,7 @@ class Sums:
     offset: Singles
     counts: Singles
     light: Singles
+    points_seen: Singles
     scale: float
 
 
@@ -65,15 +67,26 @@ def sum_up(blocks: Blocks, samples: Samples) -> Sums:
 
     nx, ny, nz = (total(weight * samples.normals[:, k]) for k in range(3))
     x, y, z = (total(weight * at[:, k]) for k in range(3))
+    counts = total(None)
     return Sums(
         weight=total(weight),
         normals=(nx, ny, nz),
         points=(x, y, z),
         offset=total(weight * (samples.normals * at).sum(axis=1)),
-        counts=total(None),
+        counts=counts,
         light=total(samples.intensity),
+        points_seen=_with_alone(blocks, counts, samples),
         scale=scale,
     )
+
+
+def _with_alone(blocks: Blocks, counts: Singles, samples: Samples) -> Singles:
+    if not len(samples.alone_xyz):
+        return counts
+    at = blocks.grid.coordinates(samples.alone_xyz)
+    place = blocks.place(np.rint(at).astype(np.int64))
+    more = np.bincount(place[place >= 0], minlength=counts.size)
+    return (counts + more.reshape(counts.shape)).astype(np.float32)
 
 
 def distance(blocks: Blocks, sums: Sums, kernel: Floats = KERNEL) -> tuple[Singles, Singles]:
@@ -97,7 +110,8 @@ def distance(blocks: Blocks, sums: Sums, kernel: Floats = KERNEL) -> tuple[Singl
 
 def grid_of(samples: Samples, voxel: float, floor: float | None) -> Grid:
     """Return a grid around the samples and down to below the floor."""
-    low, high = samples.points_xyz.min(axis=0), samples.points_xyz.max(axis=0)
+    points = np.concatenate([samples.points_xyz, samples.alone_xyz])
+    low, high = points.min(axis=0), points.max(axis=0)
     if floor is not None:
         low[2] = min(low[2], floor)
     return Grid.around(low, high, voxel, 3 * SIDE)

@@ -16,6 +16,7 @@ from ivfmc_ros.meshing import field
 from ivfmc_ros.meshing import fill
 from ivfmc_ros.meshing import nets
 from ivfmc_ros.meshing import normals
+from ivfmc_ros.meshing import pieces
 from ivfmc_ros.meshing import topology
 from ivfmc_ros.meshing import volume
 from ivfmc_ros.meshing.blocks import Blocks
@@ -36,16 +37,14 @@ from ivfmc_ros.model import Singles
 # One standard deviation of a normal, from that of a point: both ends of an edge of one voxel err.
 _NORMAL_NOISE = 1.4
 _LEAST_SAMPLES = 3
-# Gaps of twice as many voxels stay closed.
-_BRIDGED_RINGS = 3
+# Gaps of twice as many voxels stay closed. Wider bridges lie over grooves as well as over holes.
+_BRIDGED_RINGS = 1
+# A wall that ends so many rings above the platter stands on it.
+_FOOT_RINGS = 6
 _FACING_DOWN = -0.5  # cosine
 # Mean of the kernel over a plane of samples, weighted by itself: one over how many voxels' worth
 # of samples are averaged.
 _MEAN_KERNEL = 1.0 / (np.sqrt(2.0 * np.pi) * field.SPREAD * 4.0 * np.pi * field.SPREAD**2)
-# A closed piece beside the largest of which less was seen is a flying scrap, grown to a body.
-_LEAST_SEEN = 0.3
-# A piece of a smaller share of the whole is a stray one.
-_STRAY = 0.002
 # Diagonals whose halves are bent alike within this (cosine) are chosen by their length.
 _ALIKE = 0.01
 _LAST_KIND = {'none': BRIDGED, 'base': BASE, 'all': FILLED}
@@ -69,7 +68,7 @@ def integrate(samples: Samples, voxel: float, settings: MeshSettings) -> Mesh:
     """
     Return one surface of all samples.
 
-    voxel : metres; gaps of up to 6 voxels are bridged, whatever ``close`` says
+    voxel : metres; gaps of up to 2 voxels are bridged, whatever ``close`` says
     :raises GeometryError: there are no samples, or what they make is smaller than ``island``
     """
     if len(samples) < _LEAST_SAMPLES:
@@ -78,7 +77,8 @@ def integrate(samples: Samples, voxel: float, settings: MeshSettings) -> Mesh:
             'raise max_edge or scan in finer steps'
         )
     grid = field.grid_of(samples, voxel, settings.floor)
-    blocks = Blocks.near(grid, grid.coordinates(samples.points_xyz), field.RADIUS)
+    places = np.concatenate([samples.points_xyz, samples.alone_xyz])
+    blocks = Blocks.near(grid, grid.coordinates(places), field.RADIUS)
     sums = field.sum_up(blocks, samples)
     measured, weight = field.distance(blocks, sums)
     carve(blocks, measured, samples)
@@ -88,13 +88,13 @@ def integrate(samples: Samples, voxel: float, settings: MeshSettings) -> Mesh:
     shell = _shell(blocks, sums, weight, net, settings.floor)
     noise = np.nan_to_num(shell.sigma)[net.quads].max(axis=1) * (_NORMAL_NOISE / voxel)
     vertices = denoise.denoised(net.vertices, net.quads, noise, settings.smoothing)
-    return _mesh(grid.points(vertices), net.quads, shell, settings)
+    return _mesh(grid.points(vertices), net.quads, shell, voxel, settings)
 
 
 def _shell(
     blocks: Blocks, sums: field.Sums, weight: Singles, net: nets.Nets, floor: float | None
 ) -> _Shell:
-    seen = volume.near_samples(blocks, sums.counts, net.cells)
+    seen = volume.near_samples(blocks, sums.points_seen, net.cells)
     level = None if floor is None else (floor - blocks.grid.origin[2]) / blocks.grid.voxel
     place = np.maximum(blocks.place(net.cells), 0)
     ones = np.ones(3)
@@ -118,7 +118,7 @@ def _kinds(net: nets.Nets, seen: Bools, level: float | None) -> Kinds:
     covered = seen | ~_grown(net, ~_grown(net, seen, _BRIDGED_RINGS), _BRIDGED_RINGS)
     kind[covered[net.quads].all(axis=1) & ~measured] = BRIDGED
     if level is not None:
-        kind[_foot(net, seen, level) & ~measured] = BRIDGED
+        kind[_foot(net, seen, level) & ~measured] = BASE
     if measured.any():
         lowest = net.vertices[net.quads[measured], 2].min()
         low = (net.vertices[:, 2] < lowest + 1.0)[net.quads].all(axis=1)
@@ -130,7 +130,7 @@ def _foot(net: nets.Nets, seen: Bools, level: float) -> Bools:
     """Tell which quads go on with a wall that was seen to just above the platter, down to it."""
     on_platter = ~seen & (np.abs(net.vertices[:, 2] - level) < 1.0)
     below, above = [seen], [on_platter]
-    for _ in range(2 * _BRIDGED_RINGS):
+    for _ in range(_FOOT_RINGS):
         below.append(_grown(net, below[-1], 1))
         above.append(_grown(net, above[-1], 1))
     # on the way from what was seen to the platter, if that is short enough
@@ -148,8 +148,10 @@ def _grown(net: nets.Nets, chosen: Bools, rings: int) -> Bools:
     return chosen
 
 
-def _mesh(vertices_xyz: Floats, quads: Ints, shell: _Shell, settings: MeshSettings) -> Mesh:
-    keep = _wanted(quads, shell.kind, len(vertices_xyz), settings)
+def _mesh(
+    vertices_xyz: Floats, quads: Ints, shell: _Shell, voxel: float, settings: MeshSettings
+) -> Mesh:
+    keep, flying = _wanted(vertices_xyz, quads, shell.kind, voxel, settings)
     if not keep.any():
         raise GeometryError(
             f'meshing: no piece of surface has {settings.island} triangles; lower island'
@@ -164,32 +166,27 @@ def _mesh(vertices_xyz: Floats, quads: Ints, shell: _Shell, settings: MeshSettin
         sigma=shell.sigma[used],
         intensity=shell.intensity[used],
         kind=np.concatenate([shell.kind[keep]] * 2),
+        flying=flying,
     )
 
 
-def _wanted(quads: Ints, kind: Kinds, vertices: int, settings: MeshSettings) -> Bools:
-    """Tell which quadrilaterals become part of the mesh."""
+def _wanted(
+    vertices_xyz: Floats, quads: Ints, kind: Kinds, voxel: float, settings: MeshSettings
+) -> tuple[Bools, int]:
+    """Tell which quadrilaterals become part of the mesh, and how many pieces of them fly."""
     keep = kind <= _LAST_KIND[settings.close]
+    count = len(vertices_xyz)
     for _ in range(2):
         chosen = np.flatnonzero(keep)
-        keep[chosen] = _solid_pieces(quads[chosen], kind[chosen], vertices, settings.island // 2)
+        keep[chosen] = pieces.solid(quads[chosen], kind[chosen], count, settings.island // 2)
         if settings.close == 'all':
             break
         chosen = np.flatnonzero(keep)
-        keep[chosen] = topology.without_bow_ties(quads[chosen], vertices)
-    return keep
-
-
-def _solid_pieces(quads: Ints, kind: Kinds, vertices: int, least: int) -> Bools:
-    """Tell which quads are in a piece that is large enough and was seen in part."""
-    if not len(quads):
-        return np.zeros(0, dtype=bool)
-    piece = topology.pieces(quads, vertices)
-    size = np.bincount(piece)
-    seen = np.bincount(piece, kind == MEASURED) / np.maximum(size, 1)
-    least = max(least, int(_STRAY * len(quads)))
-    wanted = np.where(size == size.max(), 0.0, _LEAST_SEEN)
-    return np.asarray(((size >= least) & (seen >= wanted))[piece])
+        keep[chosen] = topology.without_bow_ties(quads[chosen], count)
+    chosen = np.flatnonzero(keep)
+    gone, flying = pieces.flying(vertices_xyz, quads[chosen], voxel)
+    keep[chosen[gone]] = False
+    return keep, flying
 
 
 def _halves(vertices_xyz: Floats, quads: Ints) -> Ints:

@@ -4,8 +4,8 @@
 
 from collections.abc import Iterable
 from collections.abc import Iterator
-from collections.abc import Sequence
 from dataclasses import dataclass
+from dataclasses import field as attribute
 from dataclasses import fields
 from dataclasses import replace
 
@@ -18,7 +18,6 @@ from ivfmc_ros.meshing.thickness import Light
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
-from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
 from ivfmc_ros.registration.views import closes
 
@@ -27,8 +26,6 @@ _LEAST_ACROSS = 0.3
 # Neighbours on the surface are at most this many median spacings apart (80 degrees from square).
 _STRETCH = 6.0
 _SAME_PLACE = 1e-9  # metres
-# Profiles nearer than this (radians; share of a usual step) are one place of several turns.
-_SAME_ANGLE, _SAME_STEP = 1e-6, 0.2
 # A step that follows the line of sight as much as this (cosine) is a jump and not a surface.
 _ALONG_SIGHT = 0.97
 # Between points that many voxels apart the surface is not interpolated.
@@ -47,6 +44,7 @@ class Samples:
     sight : (n, 3) unit, towards the eye
     weight : (n,) 1/metre^2: 1/sigma^2 along the normal; interpolated points share that of theirs
     intensity : (n,) grey values
+    alone_xyz : (k, 3) metres, points without a normal: they tell that there is surface, not where
     """
 
     points_xyz: Floats
@@ -54,6 +52,7 @@ class Samples:
     sight: Floats
     weight: Floats
     intensity: Floats
+    alone_xyz: Floats = attribute(default_factory=lambda: np.empty((0, 3)))
 
     def __len__(self) -> int:
         return len(self.points_xyz)
@@ -118,48 +117,6 @@ def _error_directions(cell: Cell, view: View) -> Floats:
     return np.asarray(across @ cell.turntable.camera_from_base[:3, :3])
 
 
-def from_views(
-    cell: Cell, views: Sequence[View], poses: Poses, reach: float | None, voxel: float
-) -> Samples:
-    """
-    Return the samples of all views.
-
-    reach : metres, the longest step between neighbours; None for what the spacing allows
-    voxel : metres; between columns farther apart than this, samples are interpolated
-    """
-    return merge(
-        from_grid(range_grid(cell, turn, T), reach, voxel)
-        for view, T in zip(views, poses.turntable_from_view, strict=True)
-        for turn in turns_of(view)
-    )
-
-
-def turns_of(view: View) -> Iterator[View]:
-    """Give each turn of a view in which the table passed the same angles several times."""
-    steps = np.diff(view.angles)
-    real = steps[steps > _SAME_ANGLE]
-    if not len(real):
-        yield view
-        return
-    place = np.concatenate([[0], np.cumsum(steps > _SAME_STEP * np.median(real))])
-    starts = np.searchsorted(place, place)
-    turn = np.arange(len(place)) - starts
-    for number in range(int(turn.max()) + 1):
-        yield _columns(view, turn == number)
-
-
-def _columns(view: View, chosen: Bools) -> View:
-    return replace(
-        view,
-        points_xyz=view.points_xyz[:, chosen],
-        intensity=view.intensity[:, chosen],
-        sigma=view.sigma[:, chosen],
-        uv=view.uv[:, chosen],
-        angles=view.angles[chosen],
-        seqs=view.seqs[chosen],
-    )
-
-
 def merge(parts: Iterable[Samples]) -> Samples:
     """Return all samples in one."""
     parts = list(parts)
@@ -172,7 +129,7 @@ def merge(parts: Iterable[Samples]) -> Samples:
 
 def from_grid(grid: RangeGrid, reach: float | None, voxel: float) -> Samples:
     """Return the points of a grid that have neighbours both ways, and some between columns."""
-    down, right = _links(grid, 0, reach), _links(grid, 1, reach)
+    down, right = links(grid, 0, reach), links(grid, 1, reach)
     normals = _normals(grid, down, right)
     grid = _outward(grid, normals, right)
     points = grid.points_xyz
@@ -188,6 +145,7 @@ def from_grid(grid: RangeGrid, reach: float | None, voxel: float) -> Samples:
         sight=np.broadcast_to(grid.sight, points.shape)[known],
         weight=weight[known],
         intensity=grid.intensity[known],
+        alone_xyz=points[~known & np.isfinite(points[..., 0])],
     )
     return merge([whole, *_between(grid, normals, weight, ends)])
 
@@ -216,14 +174,14 @@ def _limit(points: Floats, axis: int, reach: float | None) -> float:
     return usual if reach is None else min(usual, reach)
 
 
-def _links(grid: RangeGrid, axis: int, reach: float | None) -> Bools:
+def links(grid: RangeGrid, axis: int, reach: float | None) -> Bools:
     """Tell of every point whether the next along ``axis`` is on the same surface."""
     points, limit = grid.points_xyz, _limit(grid.points_xyz, axis, reach)
     step = np.roll(points, -1, axis=axis) - points
     with np.errstate(invalid='ignore'):
         length = np.linalg.norm(step, axis=2)
         linked = (length < limit) & (
-            np.abs((step * grid.sight).sum(axis=2)) < _ALONG_SIGHT * length
+            np.abs((step * grid.sight).sum(axis=2)) <= _ALONG_SIGHT * length
         )
     if axis == 0:
         linked[-1] = False

@@ -19,14 +19,14 @@ class MeshSettings:
         Ismail et al. 2007) or poisson (screened Poisson, for comparison)
     max_edge : the paper's threshold on a triangle's edges: neighbours farther apart are not one
         surface; None for 5 point spacings
-    close : what may be invented where nothing was seen: none (but gaps of up to 6 voxels are
+    close : what may be invented where nothing was seen: none (but gaps of up to 2 voxels are
         bridged), base (the standing face), all
     voxel : edge of a voxel of integrate and poisson; None for 0.6 of the spacing of the points, of
         poisson for all of it
     smoothing : rounds of bilateral normal filtering; 0 leaves the noise in
     decimate : how far the simplified mesh may be from the full one; 0 keeps all triangles
-    island : a piece of surface with fewer triangles is dropped, and so is one that is less than
-        0.2 % of all
+    island : a piece of surface with fewer triangles is dropped, and so is one of less than 2 % of
+        all that is farther than 20 voxels from the rest
     floor : height of the platter in ``turntable``, on which the standing face lies; None if the
         part does not stand on one
     """

@@ -101,6 +101,7 @@ def _with_attributes(mesh: Mesh, vertices: Floats, faces: Ints) -> Mesh:
         sigma=mesh.sigma[corner],
         intensity=mesh.intensity[corner],
         kind=kind,
+        flying=mesh.flying,
     )
 
 

@@ -58,6 +58,7 @@ UNITS_OF_CAD = {
     'octagonal_pocket.stl': 'm',
     'plate_holes.STL': 'mm',
 }
+VOLUME = Volume(bottom=0.5e-3)
 # The stripe of the bench cell is 2.5 px (1 sigma) wide: 4 sigma at 0.17 mm a pixel.
 STRIPE_WIDTH = 1.7e-3
 # Points nearer than this to an edge of the CAD are not on a face.
@@ -96,7 +97,7 @@ def cad_parts() -> Iterator[tuple[str, Solid]]:
 
 
 def scan(part: Solid) -> Reconstruction:
-    settings = Settings(acquisition=AcquisitionSettings(volume=Volume(bottom=0.5e-3)))
+    settings = Settings(acquisition=AcquisitionSettings(volume=VOLUME))
     return reconstruct(CELL, simulate_scan(CELL, part, STEPS, seed=1), settings)
 
 
@@ -172,9 +173,11 @@ def on_faces(truth: Surface, points: Floats) -> np.ndarray:
 
 
 def seen_of_cad(part: Solid, points: Floats) -> Floats:
-    """Return points of the CAD that have a measured point within 0.5 mm."""
+    """Return points of the CAD in the working volume that have a measured point within 0.5 mm."""
     cad = trimesh.Trimesh(part.vertices_xyz, part.faces, process=False)
     wanted, _ = trimesh.sample.sample_surface(cad, 60_000, seed=2)
+    # what is nearer to the platter is not measured, whatever the method
+    wanted = wanted[wanted[:, 2] > VOLUME.bottom]
     tree = o3d.geometry.KDTreeFlann(points.T)
     near = [tree.search_knn_vector_3d(point, 1)[2][0] for point in wanted]
     return np.asarray(wanted)[np.sqrt(near) < 0.5e-3]

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from ivfmc_ros.cell.volume import Volume
-from ivfmc_ros.meshing import samples as sampling
 from ivfmc_ros.meshing.thickness import inward
 from ivfmc_ros.meshing.thickness import Light
+from ivfmc_ros.meshing.view_samples import from_views
 from ivfmc_ros.pipeline import reconstruct
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.simulation.bench import bench_cell
@@ -74,7 +74,7 @@ def test_points_of_a_rendered_shaft_come_to_lie_on_it(laser):
     made = reconstruct(cell, frames, settings)
     off = []
     for known in (bench_cell(), cell):
-        samples = sampling.from_views(known, made.views, made.poses, None, 1.0)
+        samples = from_views(known, made.views, made.poses, None, 1.0)
         off.append(np.hypot(*samples.points_xyz[:, :2].T).mean() - radius)
     assert off[0] < -15e-6
     assert abs(off[1]) < 3e-6

@@ -1,0 +1,66 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+import numpy as np
+import pytest
+from spoilt import CELL
+from spoilt import views
+from synthetic import Sphere
+from synthetic import sphere_profiles
+
+from ivfmc_ros.inspection.scan_page import mesh_figures
+from ivfmc_ros.meshing import pieces
+from ivfmc_ros.meshing.build import build_mesh
+from ivfmc_ros.meshing.settings import MeshSettings
+from ivfmc_ros.model import FILLED
+from ivfmc_ros.model import MEASURED
+from ivfmc_ros.model import Poses
+from ivfmc_ros.registration.views import assemble
+
+VOXEL = 1e-3
+
+
+def sheet(columns, rows, at):
+    """A flat piece of quads, one voxel each: vertices and quads."""
+    x, y = np.meshgrid(np.arange(columns + 1), np.arange(rows + 1), indexing='ij')
+    vertices = VOXEL * np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1) + at
+    corner = (np.arange(columns)[:, None] * (rows + 1) + np.arange(rows)).ravel()
+    return vertices, np.stack([corner, corner + rows + 1, corner + rows + 2, corner + 1], axis=1)
+
+
+def joined(*sheets):
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in sheets)])
+    quads = [quads + start for (_, quads), start in zip(sheets, starts, strict=False)]
+    return np.concatenate([vertices for vertices, _ in sheets]), np.concatenate(quads)
+
+
+@pytest.mark.parametrize(('gap', 'size', 'flies'), [(25, 5, 1), (15, 5, 0), (25, 20, 0)])
+def test_small_piece_far_from_the_rest_flies(gap, size, flies):
+    main = sheet(60, 60, [0.0, 0.0, 0.0])
+    vertices, quads = joined(main, sheet(size, 5, [0.06 + gap * VOXEL, 0.0, 0.0]))
+    gone, count = pieces.flying(vertices, quads, VOXEL)
+    assert count == flies
+    assert gone.sum() == flies * 5 * size
+    assert not gone[: len(main[1])].any()
+
+
+def test_pieces_that_hold_each_other_up_over_a_gap_stay():
+    main = sheet(60, 60, [0.0, 0.0, 0.0])
+    steps = [sheet(5, 5 - k, [0.06 + VOXEL * (15 + 20 * k), 0.0, 0.0]) for k in range(3)]
+    assert pieces.flying(*joined(main, *steps), VOXEL)[1] == 0
+
+
+def test_piece_that_is_mostly_invented_goes():
+    vertices, quads = joined(sheet(20, 20, [0.0, 0.0, 0.0]), sheet(10, 10, [0.5, 0.0, 0.0]))
+    kind = np.full(len(quads), MEASURED, dtype=np.uint8)
+    assert pieces.solid(quads, kind, len(vertices), 50).all()
+    kind[420:] = FILLED
+    assert pieces.solid(quads, kind, len(vertices), 50).sum() == 400
+
+
+def test_flying_piece_is_left_out_and_counted():
+    far = Sphere(np.array([0.004, 0.002, 0.08]), 0.0033)
+    scanned = [views(1)[0], assemble(CELL, sphere_profiles(CELL, far, 400, view=1))[0]]
+    mesh = build_mesh(CELL, scanned, Poses.identity(2), MeshSettings(floor=None))
+    assert mesh.flying >= 1
+    assert mesh.vertices_xyz[:, 2].max() < 0.06
+    assert mesh_figures(mesh)['flying_pieces'] == mesh.flying
