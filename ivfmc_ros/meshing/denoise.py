@@ -11,6 +11,7 @@ differs by more and has no say, so that the edge stays.
 import numpy as np
 from scipy.sparse import csr_array
 
+from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
@@ -19,8 +20,6 @@ from ivfmc_ros.model import Singles
 _ALIKE = 2.5
 _LEAST, _MOST = 0.06, 0.5  # radians, of the noise of a normal times _ALIKE
 _VERTEX_ROUNDS = 5
-# A corner that looks so far (cosine) from where its quad looked before is folded over.
-_FOLDED = 0.0
 _UNFOLDING_ROUNDS = 10
 
 
@@ -91,7 +90,7 @@ def _followed(vertices: Floats, quads: Ints, normals: Singles, leash: float) -> 
     start = vertices.astype(np.float32)
     moved = start
     for _ in range(_VERTEX_ROUNDS):
-        height = (normals * moved[quads].mean(axis=1)).sum(axis=1, keepdims=True)
+        height = (normals * _middles(moved, quads)).sum(axis=1, keepdims=True)
         moved = moved + (at_vertex @ (normals * height) - _times(squares, moved)) / faces
         np.clip(moved, start - leash, start + leash, out=moved)
     return np.asarray(moved, dtype=np.float64)
@@ -102,7 +101,7 @@ def unfolded(start: Floats, moved: Floats, quads: Ints) -> Floats:
     before = quad_normals(start, quads)
     moved = moved.copy()
     for _ in range(_UNFOLDING_ROUNDS):
-        folded = _least_agreement(moved, quads, before) < _FOLDED
+        folded = _folded(moved, quads, before)
         if not folded.any():
             break
         back = np.unique(quads[folded])
@@ -112,13 +111,25 @@ def unfolded(start: Floats, moved: Floats, quads: Ints) -> Floats:
     return moved
 
 
-def _least_agreement(vertices: Floats, quads: Ints, normals: Floats) -> Floats:
-    """Return (m,) the least cosine between the corners of a quad and the normal given for it."""
-    corners = vertices[quads]
-    sides = np.roll(corners, -1, axis=1) - corners
-    across = np.cross(np.roll(sides, 1, axis=1), sides)
-    length = np.maximum(np.linalg.norm(across, axis=2), 1e-30)
-    return np.asarray(((across * normals[:, None]).sum(axis=2) / length).min(axis=1))
+def _folded(vertices: Floats, quads: Ints, normals: Floats) -> Bools:
+    """Tell of which quads a corner looks away from the normal that is given for it."""
+    x, y, z = np.ascontiguousarray(vertices.T, dtype=np.float32)
+    nx, ny, nz = np.ascontiguousarray(normals.T, dtype=np.float32)
+    corners = [(x[column], y[column], z[column]) for column in quads.T]
+    sides = [
+        (b[0] - a[0], b[1] - a[1], b[2] - a[2])
+        for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)
+    ]
+    folded = np.zeros(len(quads), dtype=bool)
+    for (ax, ay, az), (bx, by, bz) in zip([sides[-1], *sides[:-1]], sides, strict=True):
+        across = (ay * bz - az * by) * nx + (az * bx - ax * bz) * ny + (ax * by - ay * bx) * nz
+        folded |= across < 0.0
+    return folded
+
+
+def _middles(vertices: Singles, quads: Ints) -> Singles:
+    a, b, c, d = (vertices[column] for column in quads.T)
+    return np.asarray(np.float32(0.25) * (a + b + c + d))
 
 
 def _times(squares: Singles, vectors: Singles) -> Singles:

@@ -22,7 +22,7 @@ from ivfmc_ros.meshing.samples import Samples
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Singles
 
-RADIUS = 3  # voxels that a sample reaches
+RADIUS = 2  # voxels that a sample reaches
 _LEAST_WEIGHT = 1e-6  # of the mean sample's
 SPREAD = 0.7  # voxels, 1 sigma of its kernel
 KERNEL: Floats = np.exp(-0.5 * (np.arange(-RADIUS, RADIUS + 1) / SPREAD) ** 2)
@@ -95,17 +95,25 @@ def distance(blocks: Blocks, sums: Sums, kernel: Floats = KERNEL) -> tuple[Singl
 
     Both are (blocks, 8, 8, 8).
     """
-    weight = blocks.blurred(sums.weight, kernel)
-    mean = -blocks.blurred(sums.offset, kernel)
+    weight, offset = _blurred(blocks, kernel, sums.weight, sums.offset)
+    mean = -offset
     plane = np.zeros_like(mean)
     for normals, points, x in zip(sums.normals, sums.points, blocks.axes(), strict=True):
-        normal = blocks.blurred(normals, kernel)
+        normal, point = _blurred(blocks, kernel, normals, points)
         mean += normal * x
-        plane += normal * (weight * x - blocks.blurred(points, kernel))
+        plane += normal * (weight * x - point)
     with np.errstate(invalid='ignore', divide='ignore'):
         known = np.where(weight > _LEAST_WEIGHT, weight, np.float32(np.nan))
         distance = np.float32(0.5) * (mean + plane / known) / known
     return distance.astype(np.float32), weight
+
+
+def _blurred(
+    blocks: Blocks, kernel: Floats, first: Singles, second: Singles
+) -> tuple[Singles, Singles]:
+    """Blur two at once, which takes less time."""
+    both = blocks.blurred(np.stack([first, second], axis=-1), kernel)
+    return np.ascontiguousarray(both[..., 0]), np.ascontiguousarray(both[..., 1])
 
 
 def grid_of(samples: Samples, voxel: float, floor: float | None) -> Grid:

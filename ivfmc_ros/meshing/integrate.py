@@ -94,28 +94,32 @@ def integrate(samples: Samples, voxel: float, settings: MeshSettings) -> Mesh:
 def _shell(
     blocks: Blocks, sums: field.Sums, weight: Singles, net: nets.Nets, floor: float | None
 ) -> _Shell:
-    seen = volume.near_samples(blocks, sums.points_seen, net.cells)
+    seen = told = volume.near_samples(blocks, sums.counts, net.cells)
+    if sums.points_seen is not sums.counts:
+        told = volume.near_samples(blocks, sums.points_seen, net.cells)
     level = None if floor is None else (floor - blocks.grid.origin[2]) / blocks.grid.voxel
     place = np.maximum(blocks.place(net.cells), 0)
-    ones = np.ones(3)
-    light, counts = (
-        blocks.blurred(values, ones).reshape(-1)[place] for values in (sums.light, sums.counts)
-    )
+    both = blocks.blurred(np.stack([sums.light, sums.counts], axis=-1), np.ones(3))
+    light, counts = both.reshape(-1, 2)[place].T
     with np.errstate(invalid='ignore', divide='ignore'):
         sigma = np.sqrt(_MEAN_KERNEL / (weight.reshape(-1)[place] * sums.scale))
         intensity = light / counts
     return _Shell(
         sigma=np.where(seen, sigma, np.nan).astype(np.float64),
         intensity=np.where(seen, intensity, np.nan).astype(np.float64),
-        kind=_kinds(net, seen, level),
+        kind=_kinds(net, seen, told, level),
     )
 
 
-def _kinds(net: nets.Nets, seen: Bools, level: float | None) -> Kinds:
-    """Tell what was measured, what lies below all that was, and what fills a hole."""
+def _kinds(net: nets.Nets, seen: Bools, told: Bools, level: float | None) -> Kinds:
+    """
+    Tell what was measured, what lies below all that was, and what fills a hole.
+
+    told : of each vertex, a point is near, with a normal (``seen``) or alone
+    """
     measured = seen[net.quads].all(axis=1)
     kind = np.where(measured, MEASURED, FILLED).astype(np.uint8)
-    covered = seen | ~_grown(net, ~_grown(net, seen, _BRIDGED_RINGS), _BRIDGED_RINGS)
+    covered = told | ~_grown(net, ~_grown(net, told, _BRIDGED_RINGS), _BRIDGED_RINGS)
     kind[covered[net.quads].all(axis=1) & ~measured] = BRIDGED
     if level is not None:
         kind[_foot(net, seen, level) & ~measured] = BASE
@@ -191,7 +195,8 @@ def _wanted(
 
 def _halves(vertices_xyz: Floats, quads: Ints) -> Ints:
     """Cut each quadrilateral along the diagonal across which it is less bent."""
-    a, b, c, d = (vertices_xyz[quads[:, k]] for k in range(4))
+    single = vertices_xyz.astype(np.float32)
+    a, b, c, d = (single[quads[:, k]] for k in range(4))
     bent = []
     for first, second in (((a, b, c), (a, c, d)), ((a, b, d), (b, c, d))):
         one, two = (np.cross(q - p, r - p) for p, q, r in (first, second))

@@ -9,10 +9,10 @@ from scipy.spatial import cKDTree
 
 from ivfmc_ros.meshing import topology
 from ivfmc_ros.model import Bools
+from ivfmc_ros.model import BRIDGED
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Kinds
-from ivfmc_ros.model import MEASURED
 
 # A closed piece beside the largest of which less was seen is a flying scrap, grown to a body.
 _LEAST_SEEN = 0.3
@@ -27,7 +27,7 @@ def solid(quads: Ints, kind: Kinds, vertices: int, least: int) -> Bools:
         return np.zeros(0, dtype=bool)
     piece = topology.pieces(quads, vertices)
     size = np.bincount(piece)
-    seen = np.bincount(piece, kind == MEASURED) / np.maximum(size, 1)
+    seen = np.bincount(piece, kind <= BRIDGED) / np.maximum(size, 1)
     wanted = np.where(size == size.max(), 0.0, _LEAST_SEEN)
     return np.asarray(((size >= least) & (seen >= wanted))[piece])
 
