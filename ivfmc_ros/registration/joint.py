@@ -42,6 +42,8 @@ _COARSE_STEPS, _MIDDLE_STEPS, _FINE_STEPS = 6, 3, 12
 _WIDTHS = 3.0
 # The last reach is so many sigmas of the residuals.
 _LAST = 6.0
+# Whole regions are displaced by this share of a patch's sigma: quadrics are not the surface.
+_LASTING = 0.3
 # Solved when no view moves by more than this share of a patch's sigma.
 _STILL = 0.02
 
@@ -54,12 +56,14 @@ class Scene:
     patches : of each view, frame ``turntable``; slopes : None where the cell is known
     edge : metres, between patches
     origin : (C,) the cell's values with which the patches were made; None for zeros
+    lasting : share of a patch's sigma by which whole regions are displaced
     """
 
     patches: Sequence[Patches]
     slopes: Slopes | None
     edge: float
     origin: Floats | None = None
+    lasting: float = _LASTING
 
     @property
     def cell_unknowns(self) -> int:
@@ -209,7 +213,7 @@ class _Steps:
         edge: float | None,
         fixed: Floats | None = None,
     ) -> tuple[System, Solution]:
-        noise = Noise(scale=robust_scale(blocks), width=gap / _WIDTHS)
+        noise = Noise(scale=robust_scale(blocks), width=gap / _WIDTHS, lasting=self.scene.lasting)
         system = assemble(blocks, self.scene.slopes, self._views, noise, edge)
         return system, solve(system, values, self.prior_root, fixed)
 

@@ -55,6 +55,9 @@ from ivfmc_ros.registration.views import sight_of
 
 # A refined scan must fit by so much better than the calibrated one.
 _GAIN = 0.95
+# Two lasers see a surface under different angles, and what a stripe is off by depends on these:
+# whole regions are displaced by this share of a patch's sigma.
+_LASTING = 0.6
 # A stripe's noise moves points in the sheet; of a face that lies along it at least this share of
 # it is across, because the pixels of a patch are no lines.
 _LEAST_SHARE = 0.15
@@ -205,7 +208,9 @@ class _Scan:
             for number, fitted in enumerate(patches)
         ]
         known = Slopes(of_patches=of_patches, at=slopes_at)
-        return Scene(patches=patches, slopes=known, edge=self.edge, origin=values)
+        return Scene(
+            patches=patches, slopes=known, edge=self.edge, origin=values, lasting=_LASTING
+        )
 
     def _sample(self, view: View, cell: Cell) -> Samples:
         thin = sample(view, self.edge)

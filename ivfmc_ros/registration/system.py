@@ -16,9 +16,8 @@ DOF = 6  # rotation vector (radians) about the frame's origin, translation (metr
 
 # Pairs in one cube of this edge err together: their noise is counted once.
 _CLUSTER = 5.0  # in patch spacings
-# Whole regions of this edge are displaced by this share of a patch's sigma: quadrics are not the
-# surface, and stripes are not measured without bias.
-_REGION, _SYSTEMATIC = 20.0, 0.6
+# Whole regions of this edge are displaced together.
+_REGION = 20.0
 # Residuals of so many sigmas are no outliers.
 _ROBUST = 2.5
 
@@ -52,10 +51,12 @@ class Noise:
 
     scale : by which they exceed their claimed sigmas
     width : metres; beyond it, and beyond what scale and sigma explain, a pair is an outlier
+    lasting : share of a patch's sigma by which whole regions are displaced
     """
 
     scale: float
     width: float
+    lasting: float
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -125,13 +126,17 @@ def _of_pairs(pairs: Pairs, slopes: Slopes | None, noise: Noise, edge: float | N
         information=(cross + cross.T) / 2,
         curvature=curvature,
         gradient=score.sum(axis=0),
-        scatter=curvature if edge is None else _scatter(pairs, score, both, weight, edge),
+        scatter=curvature
+        if edge is None
+        else _scatter(pairs, score, both, weight, edge, noise.lasting),
     )
 
 
-def _scatter(pairs: Pairs, score: Floats, both: Floats, weight: Floats, edge: float) -> Floats:
+def _scatter(
+    pairs: Pairs, score: Floats, both: Floats, weight: Floats, edge: float, share: float
+) -> Floats:
     clusters = _by_cluster(score, pairs.middle, _CLUSTER * edge)
-    lasting = both * (_SYSTEMATIC * pairs.sigma[:, None] * np.sqrt(weight))
+    lasting = both * (share * pairs.sigma[:, None] * np.sqrt(weight))
     regions = _by_cluster(lasting, pairs.middle, _REGION * edge)
     return np.asarray(clusters.T @ clusters + regions.T @ regions)
 
