@@ -60,6 +60,7 @@ class BeamKeeper:
     Decides, and never waits. Thread safe.
 
     lasers : the names that there are
+    rules : can be replaced at any time
     clock : steady seconds
     """
 
@@ -67,7 +68,7 @@ class BeamKeeper:
         self, lasers: Sequence[str], rules: BeamRules, clock: Clock = time.monotonic
     ) -> None:
         self._lasers = tuple(lasers)
-        self._rules = rules
+        self.rules = rules
         self._clock = clock
         self._lock = threading.Lock()
         self._held: str | None = None
@@ -80,7 +81,7 @@ class BeamKeeper:
     @property
     def held(self) -> bool:
         """A keep-alive came lately: frames are wanted, the cell is not idle."""
-        return self._clock() - self._held_at <= self._rules.hold_timeout
+        return self._clock() - self._held_at <= self.rules.hold_timeout
 
     def hold(self, name: str) -> None:
         """
@@ -119,7 +120,7 @@ class BeamKeeper:
                 raise BusyError(f'{name}/enable: only in an idle cell; cancel the scan first')
             if not self._permitted:
                 raise BusyError(f'{name}/enable: beam_permit is required and not given')
-            self._hand, self._hand_until = name, self._clock() + self._rules.limit
+            self._hand, self._hand_until = name, self._clock() + self.rules.limit
 
     def idle(self) -> None:
         """End what was turned on by hand."""
@@ -148,7 +149,7 @@ class BeamKeeper:
 
     @property
     def _permitted(self) -> bool:
-        rules = self._rules
+        rules = self.rules
         if not rules.permit_required:
             return True
         lasts = rules.permit_timeout or math.inf

@@ -84,6 +84,9 @@ class MotionBoard(Protocol):
         None turns all off. A board whose laser lines wait for motion answers at its end.
         """
 
+    def set_power(self, power: float) -> None:
+        """Turn lasers whose power can be set on with so much, 0 to 1, from now on."""
+
     def poll(self) -> BoardState:
         """Return what is known now, without waiting."""
 

@@ -54,8 +54,9 @@ class Capture:
             try:
                 self._camera.open()
                 self._grab()
-            except DeviceError as error:
-                self.trouble = str(error)
+            except Exception as error:  # whatever it is, pictures must not end in silence
+                known = isinstance(error, DeviceError)
+                self.trouble = str(error) if known else f'{type(error).__name__}: {error}'
                 self._closing.wait(_RETRY)
             finally:
                 self._camera.close()

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motion boards with GRBL 1.1: a rotary axis, and lasers on spindle and coolant."""
 
+from dataclasses import replace
 import math
 import threading
 
@@ -157,6 +158,10 @@ class GrblBoard:
                 self._talk.send(self._on_line(self._settings.lasers[name]), epoch)
                 self._monitor.note_lasers({name: True})
             return self._monitor.lasers_ns
+
+    def set_power(self, power: float) -> None:
+        """Turn the laser on the spindle on with so much, 0 to 1, from now on."""
+        self._settings = replace(self._settings, power=power)
 
     def poll(self) -> BoardState:
         """Return what is known now, without waiting."""

@@ -9,6 +9,7 @@ import time
 
 from ivfmc_ros.devices.beam import Beam
 from ivfmc_ros.devices.beam import BeamKeeper
+from ivfmc_ros.devices.beam import BeamRules
 from ivfmc_ros.devices.board import BoardState
 from ivfmc_ros.devices.board import MotionBoard
 from ivfmc_ros.errors import DeviceError
@@ -67,6 +68,11 @@ class TurntableDriver:
             # a connection that came about while this one was closed
             self._board.close()
         self._connected = False
+
+    def adjust(self, rules: BeamRules, velocity: float, power: float) -> None:
+        """Go by other limits from now on; the power (0 to 1) when a laser is turned on next."""
+        self._beam.rules, self._velocity = rules, velocity
+        self._board.set_power(power)
 
     def state(self) -> BoardState:
         """Return what is known now, without waiting."""

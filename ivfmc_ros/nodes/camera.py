@@ -44,6 +44,7 @@ class CameraNode(LifecycleCellNode):
         self._mismatch = ''
         self._declare_camera()
         self.check(_require_exposure)
+        self.fix_while_active('latency', 'width', 'height', 'mono', 'repeat')
         self.changed(self._apply)
         self._images = self.publish_on(Image, 'image_raw')
         self._infos = self.publish_on(CameraInfo, 'camera_info')
@@ -95,7 +96,8 @@ class CameraNode(LifecycleCellNode):
         backends = tuple(_PLACES)
         say('backend', 'opencv', 'What takes the pictures.', choices=backends, read_only=True)
         say('simulation', '', 'simulated: folder of the live cell.', read_only=True)
-        say('device', '0', 'opencv: number, path or URL of the camera.', read_only=True)
+        device = 'opencv: number, path or URL of the camera.'
+        say('device', '0', device, read_only=True, kind=int)
         say('latency', 0.0, 'opencv: seconds from exposure to picture.', low=0.0, high=1.0)
         say('width', 0, 'opencv: pixels to ask for, 0 as it is.', low=0, high=20000)
         say('height', 0, 'opencv: pixels to ask for, 0 as it is.', low=0, high=20000)

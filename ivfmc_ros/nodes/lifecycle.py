@@ -3,6 +3,7 @@
 """The base of nodes that hold a device: a lifecycle that no wrong transition can kill."""
 
 from collections.abc import Callable
+from collections.abc import Mapping
 from typing import Any
 
 from rclpy.exceptions import InvalidHandle
@@ -11,6 +12,7 @@ from rclpy.lifecycle import LifecycleNodeMixin
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
 
+from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.nodes.base import CellNode
 from ivfmc_ros.nodes.health import Level
@@ -57,6 +59,18 @@ class LifecycleCellNode(LifecycleNodeMixin, CellNode):
     def state(self) -> str:
         """Label of the present state, such as 'active'."""
         return str(self._state_machine.current_state[1])
+
+    def fix_while_active(self, *names: str) -> None:
+        """Refuse to change parameters that are only looked at when the node is activated."""
+
+        def refuse(values: Mapping[str, Any]) -> None:
+            changed = [name for name in names if values[name] != self.get(name)]
+            if changed and self.state == 'active':
+                raise ParameterError(
+                    f'{changed[0]}: counts when the node is activated; deactivate it first'
+                )
+
+        self.check(refuse)
 
     def stop(self) -> None:
         """Shut the lifecycle down, so that the device is left in order."""

@@ -66,7 +66,8 @@ class ParameterNode(Node):
         Declare a parameter and return its value.
 
         low, high : bounds that are allowed themselves; both or none
-        kind : type of the elements, where ``default`` is an empty list
+        kind : type of the elements, where ``default`` is an empty list; int for a text that may
+            be given as a number
         constraints : in words, what ``check`` refuses
         :raises ParameterError: the command line gives it a value that it cannot have
         """
@@ -91,15 +92,21 @@ class ParameterNode(Node):
     def _declare(
         self, name: str, default: Any, descriptor: ParameterDescriptor, kind: type | None
     ) -> None:
+        given = self._parameter_overrides.get(name)
         if isinstance(default, list | tuple):
             array = _ARRAYS[kind or type(default[0])]
             # the type of an empty list cannot be seen: rclpy takes it for bytes
             self.declare_parameter(name, array, descriptor)
-            given = self.get_parameter_or(name, Parameter(name)).value
-            if not given:
-                self.set_parameters([Parameter(name, array, list(default))])
-        else:
-            self.declare_parameter(name, default, descriptor)
+            if not self.get_parameter_or(name, Parameter(name)).value:
+                # an empty list in a file has no type, and still is one
+                value = [] if given is not None else list(default)
+                self.set_parameters([Parameter(name, array, value)])
+            return
+        if given is not None and given.type_ is Parameter.Type.INTEGER:
+            # 2 for 2.0, or for '2': what is meant is plain
+            number = float if isinstance(default, float) else str if kind is int else int
+            self._parameter_overrides[name] = Parameter(name, value=number(given.value))
+        self.declare_parameter(name, default, descriptor)
 
     def get(self, name: str) -> Any:
         """Return the value of a parameter; arrays as a list."""

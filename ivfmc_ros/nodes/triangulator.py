@@ -121,7 +121,8 @@ class Triangulator(CellNode):
         joint = draft.turntable.joint if draft and draft.turntable else 'turntable_joint'
         stated = joint_of(message, joint)
         if stated is None:
-            there = ', '.join(message.name) or 'none'
+            stated_there = zip(message.name, message.position, strict=False)
+            there = ', '.join(f'{name} {value:g}' for name, value in stated_there) or 'none'
             raise MessageError(
                 f'{self._joints.topic}: has no position of joint {joint!r}; joints there: {there}'
             )

@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node of the motion board: table, lasers, and the rules for beams."""
 
+from collections.abc import Sequence
 from pathlib import Path
+import re
 from typing import Any
 
 from rclpy.lifecycle import LifecycleState
@@ -29,6 +31,8 @@ from ivfmc_ros.nodes.lifecycle import LifecycleCellNode
 _LASER_PERIOD_NS = 100_000_000
 # alarms in which nothing is known of the position
 _SILENT = ('BOARD_LOST', 'CONNECTING')
+# <laser>/enable is a service
+_NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
 _OLD_NS = 1_000_000_000  # a keep-alive that was so long on its way vouches for nothing
 
 
@@ -43,9 +47,11 @@ class TurntableNode(LifecycleCellNode):
         self._lasers = [name for name in self.get('lasers') if name]
         self._joint = str(self.get('joint'))
         self._outputs = [name for name in self.get('laser_outputs') if name]
+        _require_names(self._lasers)
         self._settings()
         self._rules()
         self.check(self._require_same_wiring)
+        self.changed(self._adjust)
         self._lasers_ns, self._lasers_said_ns = 0, 0
         self._laser_states = self.publish_on(JointState, 'laser_states')
         self.subscribe(Header, 'beam_hold', self._hold)
@@ -150,7 +156,7 @@ class TurntableNode(LifecycleCellNode):
                 f'each needs one of {", ".join(OUTPUTS)}'
             )
         return GrblSettings(
-            port=str(Path(self.get('port')).expanduser()) if self.get('port') else '',
+            port=_port(self.get('port')),
             baud=self.get('baud'),
             axis=self.get('axis'),
             units_per_turn=self.get('units_per_turn'),
@@ -159,10 +165,8 @@ class TurntableNode(LifecycleCellNode):
         )
 
     def _require_same_wiring(self, values: Any) -> None:
-        if (
-            list(values['lasers']) != self._lasers
-            or list(values['laser_outputs']) != self._outputs
-        ):
+        wiring = ([name for name in values[key] if name] for key in ('lasers', 'laser_outputs'))
+        if list(wiring) != [self._lasers, self._outputs]:
             raise ParameterError('lasers, laser_outputs: are set when the node is started')
 
     def _rules(self) -> BeamRules:
@@ -172,6 +176,10 @@ class TurntableNode(LifecycleCellNode):
             permit_required=self.get('beam_permit_required'),
             permit_timeout=self.get('beam_permit_timeout'),
         )
+
+    def _adjust(self, _: set[str]) -> None:
+        if self._driver is not None:
+            self._driver.adjust(self._rules(), self.get('velocity'), self.get('laser_power'))
 
     # -- topics and services
 
@@ -259,6 +267,22 @@ class TurntableNode(LifecycleCellNode):
             moving=state.moving,
             lasers=', '.join(name for name, on in state.lasers.items() if on) or 'off',
         )
+
+
+def _port(text: str) -> str:
+    # a path would lose one of the slashes of a URL
+    return text if not text or '://' in text else str(Path(text).expanduser())
+
+
+def _require_names(lasers: Sequence[str]) -> None:
+    wrong = [name for name in lasers if not _NAME.fullmatch(name)]
+    if wrong:
+        raise ParameterError(
+            f'lasers: {wrong[0]!r} cannot be part of the name of a service; use letters, digits '
+            'and _ (the first a letter), here and in cell.yaml'
+        )
+    if len(set(lasers)) != len(lasers):
+        raise ParameterError(f'lasers: one is named twice ({", ".join(lasers)})')
 
 
 def read_trajectory(message: JointTrajectory, joint: str) -> tuple[float, float]:

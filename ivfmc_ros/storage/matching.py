@@ -29,6 +29,9 @@ _TURN = 2.0 * math.pi
 
 MOTIONS = ('continuous', 'step')
 
+# Reports that are so far behind a picture do not come late: they are by another clock.
+_FAR_NS = 10 * _NANOSECONDS
+
 # Reports are kept so long, for pictures that come late.
 HISTORY_S = 30.0
 
@@ -213,9 +216,9 @@ class Matcher:
         table, lasers = self._table.stamps, self._lit.stamps
         since = -math.inf
         if not table or not table[0] <= stamp_ns or table[-1] < needed:
-            since = max(waiting.arrived_s, self._table_heard_s)
+            since = _since(waiting, table, self._table_heard_s)
         if not settings.always_on and (not lasers or lasers[-1] < end):
-            since = max(since, waiting.arrived_s, self._lasers_heard_s)
+            since = max(since, _since(waiting, lasers, self._lasers_heard_s))
         return since
 
     def _judge(self, waiting: _Waiting) -> Match:
@@ -264,3 +267,11 @@ class Matcher:
         before = self._measured.get(view, math.inf)
         same = abs(self._table.at(stamp_ns) - before) < settings.min_step
         return 'angle measured already' if same else ''
+
+
+def _since(waiting: _Waiting, stamps: Sequence[int], heard_s: float) -> float:
+    """Return when a picture was last given reason to wait for reports, seconds."""
+    past = bool(stamps) and waiting.stamp_ns < stamps[0]
+    far = bool(stamps) and waiting.stamp_ns > stamps[-1] + _FAR_NS
+    # reports that go on will never reach a picture of before them, or of another clock
+    return waiting.arrived_s if past or far else max(waiting.arrived_s, heard_s)

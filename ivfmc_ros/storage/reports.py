@@ -171,12 +171,15 @@ def joint_of(message: Any, joint: str) -> tuple[float, float | None] | None:
     """
     Return position and velocity of a joint in a sensor_msgs/JointState.
 
-    returns : radians and radians per second (None where it is not said); None without the joint
+    returns : radians and radians per second (None where it is not said); None without the joint,
+        or where its position is no number, as before an axis was homed
     """
     names = list(message.name)
     if joint not in names or names.index(joint) >= len(message.position):
         return None
     index = names.index(joint)
     position = float(message.position[index])
+    if not math.isfinite(position):
+        return None
     velocity = float(message.velocity[index]) if index < len(message.velocity) else math.nan
     return position, velocity if math.isfinite(velocity) else None

@@ -38,7 +38,9 @@ class JointTrack:
         """
         Collect the reports of one joint from sensor_msgs/JointState.
 
-        :raises BagError: no message names the joint, or a position is no number
+        One that is no number, as before an axis was homed, is none.
+
+        :raises BagError: no message names the joint, or no position is a number
         """
         stamps: list[int] = []
         positions: list[float] = []
@@ -52,9 +54,10 @@ class JointTrack:
         if not stamps:
             named = ', '.join(sorted(others)) or 'none'
             raise BagError(f'{where}: has no position of joint {joint!r}; joints there: {named}')
-        if not np.isfinite(positions).all():
-            raise BagError(f'{where}: a position of joint {joint!r} is not a finite number')
-        return cls(stamps, positions)
+        known = np.isfinite(positions)
+        if not known.any():
+            raise BagError(f'{where}: no position of joint {joint!r} is a finite number')
+        return cls(np.compress(known, stamps).tolist(), np.compress(known, positions).tolist())
 
     def covers(self, stamps_ns: Ints) -> Bools:
         """(n,) bool: whether the table's position at these stamps is known."""

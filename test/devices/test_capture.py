@@ -54,6 +54,27 @@ def test_lost_camera_is_closed_said_and_opened_again():
     assert capture.pictures >= 3
 
 
+def test_picture_that_cannot_be_delivered_is_said_and_others_come():
+    camera, pictures = FragileCamera(), []
+
+    def deliver(picture):
+        if not pictures:
+            pictures.append(picture)
+            raise ValueError('no such encoding')
+        pictures.append(picture)
+
+    capture = Capture(camera, Exposure(), deliver)
+    capture.start()
+    deadline = time.monotonic() + 5.0
+    while 'ValueError: no such encoding' not in capture.trouble and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert time.monotonic() < deadline
+    while len(pictures) < 3 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    capture.stop()
+    assert len(pictures) >= 3
+
+
 def test_pacer_keeps_the_rate_and_leaves_out_what_is_over():
     now = [100.0]
     pacer = Pacer(clock=lambda: now[0], sleep=lambda seconds: now.__setitem__(0, now[0] + seconds))

@@ -6,6 +6,8 @@ import sys
 import cv2
 from graph_rig import node_environment
 from graph_rig import running
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo
@@ -85,6 +87,19 @@ def test_exposure_out_of_range_or_too_long_is_refused(client, pictures):
             assert not client.set('camera', **wrong).successful
         answer = client.set('camera', exposure=0.5, frame_rate=1.0)
         assert answer.successful, answer.reason
+
+
+def test_what_counts_at_activation_only_is_refused_until_then(client, pictures):
+    # a number is what people write for a device
+    with running('camera', backend='folder', folder=str(pictures), device=1):
+        client.until(lambda: 'pictures come' in client.diagnostic('camera'))
+        answer = client.set('camera', width=320)
+        assert not answer.successful
+        assert 'width: counts when the node is activated' in answer.reason
+        request = ChangeState.Request()
+        request.transition.id = Transition.TRANSITION_DEACTIVATE
+        assert client.call(ChangeState, 'camera/change_state', request).success
+        assert client.set('camera', width=320).successful
 
 
 def test_set_camera_info_is_kept(client, pictures, calibration):

@@ -105,6 +105,20 @@ def test_a_joint_of_another_name_is_named(client, inputs, cell_file):
         client.until(lambda: wrong in client.diagnostic('triangulator'))
 
 
+def test_a_joint_that_is_nowhere_yet_is_said_and_known_as_soon_as_it_is_homed(
+    client, inputs, cell_file, frames
+):
+    found = client.collect(PointCloud2, 'profile')
+    with running('triangulator', cell=str(cell_file)):
+        inputs.wait()
+        inputs.table(float('nan'), START - STEP)
+        client.until(
+            lambda: 'joints there: turntable_joint nan' in client.diagnostic('triangulator')
+        )
+        feed(inputs, frames[:20], found=found)
+        client.until(lambda: len(found) >= 16)
+
+
 def test_without_a_cell_the_node_lives_and_says_so(client, tmp_path, cell_file):
     with running('triangulator', cell=str(tmp_path / 'none.yaml')):
         client.until(lambda: 'none.yaml' in client.diagnostic('triangulator'))

@@ -1,8 +1,12 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+import os
+import select
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 
 from builtin_interfaces.msg import Duration
@@ -262,6 +266,68 @@ def test_a_node_without_a_board_lives_and_says_so(client, tmp_path):
         success, answer = client.trigger('turntable/stop')
         assert not success
         assert answer['code'] == 'BOARD_LOST'
+
+
+@pytest.fixture
+def bridge(live):
+    """The board behind a network, as a serial port server gives it."""
+    listener = socket.create_server(('127.0.0.1', 0))
+    ending = threading.Event()
+
+    def serve():
+        connection, _ = listener.accept()
+        with connection, (live / 'board').open('r+b', buffering=0) as board:
+            os.set_blocking(board.fileno(), False)
+            while not ending.is_set():
+                for source in select.select([connection, board], [], [], 0.05)[0]:
+                    if source is board:
+                        connection.sendall(board.read() or b'')
+                    else:
+                        board.write(connection.recv(4096))
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    yield f'socket://127.0.0.1:{listener.getsockname()[1]}'
+    ending.set()
+    thread.join()
+    listener.close()
+
+
+def test_a_board_behind_a_url_and_what_is_set_while_it_runs(client, live, others, bridge):
+    # a whole number for one with a point is what people write
+    with running('turntable', port=bridge, velocity=2, laser_power=1):
+        table = Table(client, live)
+        table.hold('left', 0.4)
+        assert table.shining() == [1.0, 0.0]
+        client.until(lambda: not table.lit())
+        changes = {'laser_power': 0.25, 'beam_hold_timeout': 2.0, 'velocity': 0.5}
+        assert client.set('turntable', **changes).successful
+        table.hold('left', 0.3)
+        assert table.shining() == [0.25, 0.0]
+        client.spin(1.0)
+        # by the old time-out it would be dark
+        assert table.lit() == ['left']
+        table.hold('', 0.1)
+        table.go(table.position() + 0.5)
+        table.joints.clear()
+        client.until(lambda: table.joints and table.joints[-1].velocity[0] > 0.3)
+        client.until(table.stands)
+        assert max(joint.velocity[0] for joint in table.joints) < 0.51
+
+
+@pytest.mark.parametrize(
+    ('lasers', 'said'),
+    [
+        (['left laser', 'right'], "'left laser' cannot be part of the name of a service"),
+        (['left', 'left'], 'one is named twice'),
+        ([], 'laser_outputs: 2 for 0 lasers'),
+    ],
+)
+def test_lasers_that_cannot_be_are_refused_by_name(lasers, said):
+    node = NodeProcess('turntable', lasers=lasers)
+    node.process.wait(30)
+    assert node.end() == 2
+    assert said in node.output
 
 
 def test_lasers_alone_without_a_table(client, live, others):

@@ -78,6 +78,21 @@ def test_a_late_report_prolongs_the_patience_that_it_deserves():
     assert len(list(matcher.ready(1.0, 0.5))) == 1
 
 
+@pytest.mark.parametrize('stamp_ns', [0, at(-200), at(3_600_000)])
+def test_a_picture_of_another_time_holds_up_no_other(stamp_ns):
+    matcher = a_matcher(always_on=True)
+    matcher.table(at(0), 0.0, None, 0.0)
+    matcher.picture(stamp_ns, 'odd', now_s=0.0)
+    matcher.picture(at(50), 'good', now_s=0.0)
+    found = []
+    # the table is heard all the time
+    for tick in range(12):
+        matcher.table(at(100 * tick), 0.0, None, 0.1 * tick)
+        found += matcher.ready(0.1 * tick, 0.5)
+    assert {match.payload for match in found} == {'odd', 'good'}
+    assert {match.payload: match.reason for match in found}['good'] == ''
+
+
 @pytest.mark.parametrize(
     ('states', 'reason'),
     [

@@ -84,9 +84,13 @@ def test_joint_without_position_is_missing():
         JointTrack.of(states, 'table', '/j')
 
 
-def test_position_that_is_no_number_is_refused():
-    with pytest.raises(BagError, match="position of joint 'table' is not a finite number"):
-        JointTrack.of(_joints((0, {'table': np.nan})), 'table', '/j')
+def test_positions_that_are_no_numbers_are_none():
+    nowhere = (0, {'table': np.nan})
+    with pytest.raises(BagError, match="no position of joint 'table' is a finite number"):
+        JointTrack.of(_joints(nowhere), 'table', '/j')
+    track = JointTrack.of(_joints(nowhere, (1, {'table': 0.5}), (2, {'table': 1.5})), 'table', '')
+    np.testing.assert_allclose(track.at(_stamps(1.5)), [1.0])
+    assert list(track.covers(_stamps(0, 1, 2))) == [False, True, True]
 
 
 LEFT = {'left': 1.0, 'right': 0.0}
