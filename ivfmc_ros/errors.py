@@ -64,6 +64,12 @@ class NoStripeError(ScanError):
     code = 'NO_STRIPE'
 
 
+class LostProfilesError(ScanError):
+    """Profiles that were taken have not come where they are needed."""
+
+    code = 'PROFILES_LOST'
+
+
 class GeometryError(ScanError):
     """Points do not determine the surface, pose or shape asked for."""
 
@@ -156,6 +162,10 @@ class CatalogueError(FileError):
     """The catalogue of scans cannot be read or written, or does not know a scan."""
 
     code = 'BAD_CATALOGUE'
+
+
+class CatalogueBusyError(CatalogueError):
+    """Somebody else holds the catalogue; what failed can be tried again."""
 
 
 class HelperError(ScanError):

@@ -12,7 +12,9 @@ from pathlib import Path
 import time
 
 import numpy as np
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
+from rclpy.task import Future
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import PointCloud2
@@ -32,7 +34,12 @@ HELPERS = ('triangulator', 'registrar', 'mesher', 'recorder')
 
 
 class FakeCell:
-    """``silent``: those whose hearts do not beat; ``answers``: what a service answers instead."""
+    """
+    A cell that does what it is told to do wrong.
+
+    ``silent``: those whose hearts do not beat; ``answers``: what a service answers instead, a list
+    one after the other.
+    """
 
     def __init__(self, client):
         self.client = client
@@ -41,16 +48,21 @@ class FakeCell:
         self.called = []
         self.holds = []
         self.heads = []
-        self.fast = True
+        self.meanwhile = {}  # what is called when a service is
+        self.stuck = set()  # services that never answer
+        self.always_on = None  # a laser that nobody can turn off
+        self.behind = 0  # profiles that the recorder has not flushed
+        self.calibrated = True
         self.motion = (0.0, 0.0, 0.0, 0.0)  # from, to, begin, end
         self.seq = 0
         self.last = {}
         self.nodes = {name: self._helper(name) for name in HELPERS}
-        node = self.node = client.node
+        node = self.node = Node('cell', namespace='/ivfmc', context=client.context)
+        client.executor.add_node(node)
         self.joints = node.create_publisher(JointState, 'joint_states', qos.best_effort(10))
-        self.profiles = client.publisher(PointCloud2, 'profile')
-        self.recorded = client.publisher(UInt64, 'recorded')
-        self.infos = client.publisher(CameraInfo, 'camera_info')
+        self.profiles = node.create_publisher(PointCloud2, 'profile', qos.of_topic('profile'))
+        self.recorded = node.create_publisher(UInt64, 'recorded', qos.of_topic('recorded'))
+        self.infos = node.create_publisher(CameraInfo, 'camera_info', qos.of_topic('camera_info'))
         node.create_subscription(JointTrajectory, 'joint_trajectory', self._command, 10)
         node.create_subscription(Header, 'beam_hold', self._hold, 10)
         self.beats = {
@@ -61,7 +73,7 @@ class FakeCell:
         node.create_timer(0.05, self._tick)
 
     def close(self):
-        for node in self.nodes.values():
+        for node in (self.node, *self.nodes.values()):
             self.client.executor.remove_node(node)
             node.destroy_node()
 
@@ -92,22 +104,30 @@ class FakeCell:
         node.declare_parameter('formats', ['stl'])
         node.declare_parameter('export_unit', '')
         node.declare_parameter('view', [-1, -1])
-        for service in ('reset', 'register', 'build', 'start', 'stop'):
+        node.declare_parameter('expected', 0)
+        # what is stuck must not keep others from being answered
+        group = ReentrantCallbackGroup()
+        for service in ('reset', 'register', 'build', 'start', 'stop', 'cancel'):
             path = f'{name}/{service}'
-            node.create_service(Trigger, path, self._answerer(path))
+            node.create_service(Trigger, path, self._answerer(path), callback_group=group)
         self.client.executor.add_node(node)
         return node
 
     def _answerer(self, path):
-        def answer(_, response):
+        async def answer(_, response):
             self.called.append(path)
+            if path in self.stuck:
+                await Future(executor=self.client.executor)
             if path == 'recorder/start':
                 self.seq, self.last = 0, {}
             if path == 'mesher/build':
                 part = demo_part()
                 folder = Path(self.parameter('mesher', 'scan_folder'))
                 write_solid(folder / 'mesh.stl', part.vertices_xyz, part.faces)
+            self.meanwhile.get(path, lambda: None)()
             message = self.answers.get(path, {'code': 'OK', 'said': path})
+            if isinstance(message, list):
+                message = message.pop(0)
             response.success = message['code'] == 'OK'
             response.message = json.dumps(message)
             return response
@@ -139,18 +159,23 @@ class FakeCell:
                 publisher.publish(self._header(name))
         camera = small_cell().camera
         info = CameraInfo(width=camera.width, height=camera.height, distortion_model=camera.model)
-        info.k = camera.K.ravel().tolist()
+        info.k = camera.K.ravel().tolist() if self.calibrated else [0.0] * 9
         info.d = camera.distortion.tolist()
         info.header = self._header()
         self.infos.publish(info)
+        before = self.seq
         self._picture()
+        if before == self.seq and 0 < self.behind <= before:
+            # a recorder to which nothing comes any more is soon done
+            self.recorded.publish(UInt64(data=before - 1))
 
     def _picture(self):
         names = [laser.name for laser in small_cell().lasers]
         views = self.parameter('triangulator', 'view')
-        if self.beam not in names or views[names.index(self.beam)] < 0:
+        beam = self.always_on or self.beam
+        if beam not in names or views[names.index(beam)] < 0:
             return
-        laser = names.index(self.beam)
+        laser = names.index(beam)
         moving = time.monotonic() < self.motion[3] + 0.1
         step = self.parameter('triangulator', 'motion') == 'step'
         if step and (moving or abs(self.last.get(laser, 1e9) - self.position) < 1e-3):
@@ -168,5 +193,6 @@ class FakeCell:
             stamp_ns=self.node.get_clock().now().nanoseconds,
         )
         self.profiles.publish(clouds.from_profile(profile))
-        self.recorded.publish(UInt64(data=self.seq))
+        if self.seq >= self.behind:
+            self.recorded.publish(UInt64(data=self.seq - self.behind))
         self.seq += 1

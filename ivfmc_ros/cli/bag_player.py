@@ -180,7 +180,7 @@ class BagPlayer:
             stamp_ns = cdr.stamp_ns(message)
             data = cdr.encode(image_message(stamp_ns, decode_compressed(message, raw.topic)))
         elif track.picture:
-            stamp_ns = cdr.leading_stamp_ns(data)
+            stamp_ns = self._bag.stamp_ns(raw)
         if track.picture and self._recorded:
             head = self._recorded.get(stamp_ns)
             if head is not None:
@@ -227,11 +227,13 @@ class BagPlayer:
                 self._under_way.clear()
 
     def _drain(self) -> None:
-        """Wait until the triangulator says that it is through with all pictures."""
+        """
+        Wait until the triangulator says that it is through with all pictures.
+
+        :raises HelperError: it does not, for so long that it never will
+        """
         self._judged = {}
-        end = time.monotonic() + _DRAIN_S
-        while not self._is_through() and time.monotonic() < end:
-            self._client.spin(_SPIN_S)
+        self._client.until(self._is_through, _DRAIN_S, 'the triangulator to measure all pictures')
 
     def _is_through(self) -> bool:
         judged = dict(self._judged)

@@ -96,7 +96,7 @@ def nominal(
         cell = axial_cell(camera, distance, math.radians(elevation), aim or 0.0, parsed)
     save_cell(output, cell)
     text = f'written: {output}; a start only, lengths are as good as they were measured'
-    Console().print(text, soft_wrap=True, highlight=False)
+    Console(markup=False).print(text, soft_wrap=True, highlight=False)
 
 
 def _laser(text: str) -> AxialLaser:

@@ -10,11 +10,14 @@ import json
 import time
 from typing import Any
 
+from ivfmc_ros.cli.cell_run import NODES
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.nodes import environment
 
 _SPIN_S = 0.1
+# Two cells of one name answer the same calls; so long is listened for the hearts of another.
+_LISTEN_S = 1.0
 
 
 @contextmanager
@@ -124,6 +127,29 @@ class CellClient:
 
     def _hear(self, message: Any) -> None:
         self.status = {item.key: item.value for item in message.values}
+
+
+def refuse_another(client: CellClient) -> None:
+    """:raises HelperError: nodes of a cell live in the namespace already."""
+    from std_msgs.msg import Header
+
+    from ivfmc_ros.nodes import qos
+
+    beating: set[str] = set()
+    for name in NODES:
+        client.node.create_subscription(
+            Header, f'{name}/heartbeat', lambda _, name=name: beating.add(name), qos.reliable(10)
+        )
+    # who was killed is in the graph for a while, but has no heart
+    end = time.monotonic() + _LISTEN_S
+    while time.monotonic() < end:
+        client.spin(0.05)
+    if beating:
+        raise HelperError(
+            'BUSY',
+            f'a cell is up in {client.namespace} already ({", ".join(sorted(beating))}); end it, '
+            'or choose another --namespace or ROS_DOMAIN_ID',
+        )
 
 
 def result_of(status: dict[str, str], scan_id: str) -> dict[str, Any] | None:

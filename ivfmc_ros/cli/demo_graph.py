@@ -18,6 +18,7 @@ from ivfmc_ros.cli.cell_run import start
 from ivfmc_ros.cli.cell_run import write_bench
 from ivfmc_ros.cli.client import cell_client
 from ivfmc_ros.cli.client import CellClient
+from ivfmc_ros.cli.client import refuse_another
 from ivfmc_ros.cli.processes import Processes
 from ivfmc_ros.cli.scan import run_scan
 from ivfmc_ros.cli.scan import say
@@ -59,7 +60,7 @@ def run_graph(output: Path, seed: int, wanted: Mapping[str, Any]) -> None:
     part = demo_part()
     write_solid(output / 'nominal.stl', part.vertices_xyz, part.faces)
     with cell_client(NAMESPACE) as client:
-        _refuse_another(client)
+        refuse_another(client)
         with log_of(run, quiet=True) as log, Processes(log) as processes:
             begin = time.monotonic()
             start(run, processes)
@@ -76,16 +77,6 @@ def run_graph(output: Path, seed: int, wanted: Mapping[str, Any]) -> None:
     )
     say(result)
     _say_deviation(output, deviation, seconds)
-
-
-def _refuse_another(client: CellClient) -> None:
-    end = time.monotonic() + 1.0
-    while time.monotonic() < end:
-        client.spin(0.05)
-    if ('orchestrator', NAMESPACE) in client.node.get_node_names_and_namespaces():
-        raise HelperError(
-            'BUSY', f'a cell is up in {NAMESPACE} already; end it, or set another ROS_DOMAIN_ID'
-        )
 
 
 def _await_cell(client: CellClient, processes: Processes) -> None:
@@ -110,7 +101,7 @@ def _alive(processes: Processes) -> Callable[[], None]:
 
 
 def _say_deviation(output: Path, deviation: Deviation, seconds: Mapping[str, float]) -> None:
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     console.print(
         f'mesh to CAD: rms {deviation.rms * 1e3:.4f} mm, 95 % within {deviation.p95 * 1e3:.4f} mm'
     )

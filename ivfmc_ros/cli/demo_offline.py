@@ -56,5 +56,7 @@ def run_offline(output: Path, steps: int, speckle: float, seed: int, **options: 
             made = reconstruct(recorded, scan.frames(), settings, total, progress)
         nominal = Surface(part.vertices_xyz, part.faces)
         document = write_results(folder / 'result', recorded, made, 'bag', scan.skipped, nominal)
-    Console().print(f'nominal part: {output / "nominal.stl"}', soft_wrap=True, highlight=False)
+    Console(markup=False).print(
+        f'nominal part: {output / "nominal.stl"}', soft_wrap=True, highlight=False
+    )
     say(output / 'result', document)

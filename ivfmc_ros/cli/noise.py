@@ -79,7 +79,7 @@ def _upright(image: Image, stripe: Stripe) -> Image:
 
 def _say(made: NoiseEstimate, pictures: int, output: Path) -> None:
     model = made.noise
-    console = Console()
+    console = Console(markup=False)
     shot = f'{model.electrons_per_dn:.1f}' if math.isfinite(model.electrons_per_dn) else 'no limit'
     for name, text in (
         ('read noise', f'{model.read:.2f} DN (read^2 +- {made.read_error:.2g})'),

@@ -5,6 +5,7 @@
 from collections.abc import Callable
 from collections.abc import Mapping
 from collections.abc import Sequence
+import contextlib
 from dataclasses import dataclass
 import os
 import signal
@@ -150,7 +151,8 @@ class Processes:
             text = line.rstrip('\n')
             if ready is not None and text.strip() == ready:
                 seen.set()
-            with self._lock:
+            # whatever happens to the log, a program that nobody reads from would stand still
+            with self._lock, contextlib.suppress(OSError, ValueError):
                 self._say(name, text)
 
 

@@ -91,10 +91,10 @@ def replay(bag: Path, namespace: str, **options: Any) -> None:
             total = sum(opened.topics[name].count for name in tracks)
             with progress_bars() as progress:
                 player.play(options['rate'], lambda done: progress('messages', done, total))
-        console = Console(highlight=False)
+        console = Console(highlight=False, markup=False)
         console.print(f'{player.pictures} pictures became {player.profiles} profiles')
         if options['build']:
-            for line in _build(client, output):
+            for line in _build(client, output, player.profiles):
                 console.print(line, soft_wrap=True)
 
 
@@ -148,11 +148,13 @@ def _prepare(client: CellClient, roles: Roles, motion: str | None, dark: bool) -
     if motion:
         values['motion'] = motion
     client.set('triangulator', values)
-    client.set('registrar', {'scan_id': name})
+    client.set('registrar', {'scan_id': name, 'expected': 0})
     client.trigger('registrar/reset')
+    # the same bag has the same stamps, by which the mesher would take the views of before
+    client.set('mesher', {'scan_id': name})
 
 
-def _build(client: CellClient, output: Path | None) -> list[str]:
+def _build(client: CellClient, output: Path | None, profiles: int) -> list[str]:
     """Register and mesh, and return what to say of it."""
     if output is not None:
         try:
@@ -160,6 +162,7 @@ def _build(client: CellClient, output: Path | None) -> list[str]:
         except OSError as error:
             raise FileError(f'{output}: cannot be made: {error.strerror or error}') from error
     client.set('mesher', {'scan_folder': '' if output is None else str(output.absolute())})
+    client.set('registrar', {'expected': profiles})
     registered = client.trigger('registrar/register', _REGISTER_S)
     built = client.trigger('mesher/build', _REGISTER_S)
     lines = [f'{key}: {value}' for key, value in registered.items() if _short(key, value)]

@@ -125,7 +125,7 @@ class ScanBar:
 
 def say(result: dict[str, Any]) -> None:
     """Print what came of a scan and where it is."""
-    console = Console()
+    console = Console(markup=False)
     counts, seconds = result['counts'], sum(result['seconds'].values())
     console.print(
         f'scan {result["scan_id"]}: {counts["profiles"]} profiles in {counts["views"]} view(s), '

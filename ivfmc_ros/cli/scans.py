@@ -49,7 +49,7 @@ def list_scans(root: Path, part: str | None) -> None:
                 str(len(views)),
                 str(sum(view.profiles for view in views)),
             )
-    Console().print(table)
+    Console(markup=False).print(table)
 
 
 @scans.command()
@@ -59,7 +59,7 @@ def show(scan_id: str, root: Path) -> None:
     """Show one scan: parameters, views, results, files."""
     catalogue = Catalogue(root)
     row = catalogue.scan(scan_id)
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     console.print(f'{row.scan_id}  {row.stage} {row.code}  {row.created}')
     for key, value in row.parameters.items():
         console.print(f'  {key}: {value}')

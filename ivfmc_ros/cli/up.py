@@ -3,8 +3,10 @@
 """``ivfmc up``: starts a cell, one process a node, and ends all of it together."""
 
 from collections.abc import Iterator
+import contextlib
 from contextlib import contextmanager
 from pathlib import Path
+import re
 import signal
 import threading
 from typing import Any
@@ -19,6 +21,8 @@ from ivfmc_ros.cli.cell_run import OF_HARDWARE
 from ivfmc_ros.cli.cell_run import parse_overrides
 from ivfmc_ros.cli.cell_run import start
 from ivfmc_ros.cli.cell_run import write_bench
+from ivfmc_ros.cli.client import cell_client
+from ivfmc_ros.cli.client import refuse_another
 from ivfmc_ros.cli.processes import Processes
 from ivfmc_ros.cli.processes import Say
 from ivfmc_ros.errors import FileError
@@ -29,6 +33,7 @@ from ivfmc_ros.nodes.environment import config_file
 _PATH = click.Path(path_type=Path)
 _WIDTH = max(len(name) for name in NODES)
 _POLL_S = 0.1
+_NAMESPACE = re.compile(r'/|(/[A-Za-z_][A-Za-z0-9_]*)+')
 
 
 @click.command()
@@ -61,6 +66,8 @@ _POLL_S = 0.1
 def up(**options: Any) -> None:
     """Start a cell and keep it up until Ctrl-C."""
     run = run_of(options)
+    with cell_client(run.namespace) as client:
+        refuse_another(client)
     with log_of(run) as say, Processes(say) as processes, interrupted() as ending:
         start(run, processes)
         say('up', f'{len(run.nodes)} nodes under {run.namespace}; Ctrl-C ends them')
@@ -98,7 +105,7 @@ def run_of(options: dict[str, Any]) -> CellRun:
         config=options['config'] or config_file('bench/orchestrator.yaml').parent,
         cell=cell,
         camera=camera,
-        namespace='/' + options['namespace'].strip('/'),
+        namespace=_namespace(options['namespace']),
         simulate=simulate,
         nodes=[name for name in NODES if not (replay and name in OF_HARDWARE)],
         part=options['part'],
@@ -106,6 +113,15 @@ def run_of(options: dict[str, Any]) -> CellRun:
         seed=options['seed'],
         overrides=parse_overrides(options['overrides']),
     )
+
+
+def _namespace(text: str) -> str:
+    name = '/' + text.strip('/')
+    if not _NAMESPACE.fullmatch(name):
+        raise ParameterError(
+            f'--namespace {text!r}: must be of letters, digits and _, its parts parted by /'
+        )
+    return name
 
 
 @contextmanager
@@ -123,11 +139,13 @@ def log_of(run: CellRun, quiet: bool = False) -> Iterator[Say]:
 
         def say(name: str, line: str) -> None:
             text = f'{name:>{_WIDTH}} | {line}'
-            if not stream.closed:
+            # a disk that is full is no reason to say nothing on the terminal, nor to end
+            with contextlib.suppress(OSError, ValueError):
                 stream.write(text + '\n')
                 stream.flush()
-            if not quiet:
-                click.echo(text)
+            with contextlib.suppress(OSError):
+                if not quiet:
+                    click.echo(text)
 
         yield say
 

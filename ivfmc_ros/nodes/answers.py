@@ -4,6 +4,7 @@
 
 from collections.abc import Mapping
 import json
+import math
 from typing import Any
 
 from ivfmc_ros.errors import ScanError
@@ -13,7 +14,7 @@ Answer = Mapping[str, Any]
 
 def ok(answer: Answer | None) -> str:
     """Return the JSON text of a good answer."""
-    return json.dumps({'code': 'OK', **(answer or {})}, default=_plain)
+    return text({'code': 'OK', **(answer or {})})
 
 
 def refusal(error: BaseException) -> str:
@@ -21,7 +22,12 @@ def refusal(error: BaseException) -> str:
     code = error.code if isinstance(error, ScanError) else 'INTERNAL'
     detail = str(error) if isinstance(error, ScanError) else describe(error)
     more = getattr(error, 'values', {})
-    return json.dumps({'code': code, 'detail': detail, **more}, default=_plain)
+    return text({'code': code, 'detail': detail, **more})
+
+
+def text(answer: Answer) -> str:
+    """Return JSON as everybody reads it: a number that is not finite becomes null."""
+    return json.dumps(_plain(answer), allow_nan=False)
 
 
 def describe(error: BaseException) -> str:
@@ -39,4 +45,12 @@ def describe(error: BaseException) -> str:
 
 def _plain(value: Any) -> Any:
     """Turn what json does not know (NumPy's numbers and arrays, paths) into what it does."""
-    return value.tolist() if hasattr(value, 'tolist') else str(value)
+    if hasattr(value, 'tolist'):
+        return _plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)

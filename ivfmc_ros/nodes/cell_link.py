@@ -17,6 +17,7 @@ from std_msgs.msg import UInt64
 from trajectory_msgs.msg import JointTrajectory
 from trajectory_msgs.msg import JointTrajectoryPoint
 
+from ivfmc_ros.errors import HelperError
 from ivfmc_ros.nodes.adaptive import AdaptiveSubscription
 from ivfmc_ros.nodes.base import CellNode
 from ivfmc_ros.nodes.stamps import nanoseconds
@@ -65,6 +66,9 @@ class CellLink:
         self.pictured_ns = 0
         self.recorded: int | None = None
         self.heads: dict[int, ProfileHead] = {}
+        # since when profiles wait for the recorder, or when it last wrote one; None: none waits
+        self._behind_since: float | None = None
+        self._counted_twice: int | None = None
         self._node = node
         self._beam: str | None = None
         self._closed = False
@@ -95,7 +99,22 @@ class CellLink:
     def forget(self) -> None:
         """Begin a new scan: profiles are counted from 0."""
         self.heads.clear()
-        self.recorded = None
+        self.recorded = self._behind_since = self._counted_twice = None
+
+    def require_one_count(self) -> None:
+        """:raises HelperError: profiles were counted from 0 again."""
+        if self._counted_twice is not None:
+            raise HelperError(
+                'TRIANGULATOR_LOST',
+                f'profile {self._counted_twice} came twice: the triangulator was started again '
+                'during the scan, or there are two',
+            )
+
+    @property
+    def unrecorded_s(self) -> float:
+        """For how long profiles have come and the recorder has written none, seconds."""
+        since = self._behind_since
+        return 0.0 if since is None else self._node.steady_s() - since
 
     def close(self) -> None:
         """Turn all lasers off and stop the table where it is; say nothing more from then on."""
@@ -207,7 +226,14 @@ class CellLink:
 
     def _hear_profile(self, message: Any) -> None:
         head = read_head(message)
-        self.heads[head.seq] = head
+        known = self.heads.setdefault(head.seq, head)
+        if known.stamp_ns != head.stamp_ns:
+            self._counted_twice = head.seq
+        recorded = self.recorded is not None and self.recorded >= head.seq
+        if self._behind_since is None and not recorded:
+            self._behind_since = self._node.steady_s()
 
     def _hear_recorded(self, message: UInt64) -> None:
         self.recorded = int(message.data)
+        waiting = self.recorded < max(self.heads, default=0)
+        self._behind_since = self._node.steady_s() if waiting else None

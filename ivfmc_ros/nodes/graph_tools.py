@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tools of a scan, by the topics and services of the graph."""
 
+from collections.abc import Callable
 from collections.abc import Mapping
 from dataclasses import dataclass
 import math
@@ -10,6 +11,7 @@ from typing import Any
 
 from sensor_msgs.msg import CameraInfo
 
+from ivfmc_ros.errors import BusyError
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.errors import TimeoutExceededError
@@ -32,6 +34,8 @@ from ivfmc_ros.scan.request import ScanRequest
 NEEDED = ('triangulator', 'registrar', 'mesher', 'recorder')
 # Others may stand in for these, without a heartbeat; ours are watched when they are there.
 OPTIONAL = ('camera', 'turntable')
+
+_NOT_RECORDED = 'NOT_RECORDED'
 
 _FOREVER = 24 * 3600.0
 _MESHING = 3600.0
@@ -82,7 +86,9 @@ class GraphTools:
         self._machine = machine
         self._helpers = helpers
         # who is asked for the first time is not known yet
-        helpers.has('turntable/stop')
+        for path in ('turntable/stop', 'registrar/cancel', 'mesher/cancel'):
+            helpers.has(path)
+        self._working = ''
         self._watched: list[str] = []
         self._recording = False
         self._stood_ns = 0
@@ -91,6 +97,7 @@ class GraphTools:
     async def prepare(self) -> None:
         """Tell everybody which scan it is, and begin to record."""
         context = self.context
+        self._link.forget()
         await self._require_cell()
         lasers = len(context.plan.sweeps[0].views)
         await self._helpers.set(
@@ -108,12 +115,26 @@ class GraphTools:
         files = {'formats': context.request.formats, 'export_unit': context.request.export_unit}
         await self._helpers.set('mesher', {**place, **files})
         await self._helpers.set('recorder', {**place, 'pictures': True})
+        # what was under way of the scan before
         self._link.forget()
-        await self._helpers.trigger('recorder/start', _SLACK, self._guard)
-        self._recording = True
+        await self._start_recording()
         self.camera_info = await self._first(CameraInfo, 'camera_info', 'CAMERA_LOST')
         if context.home:
             await self._helpers.trigger('turntable/home', 120.0, self._guard)
+
+    async def _start_recording(self) -> None:
+        # one that answers too late records all the same, and has to be stopped
+        self._recording = True
+        try:
+            await self._helpers.trigger('recorder/start', _SLACK, self._guard)
+        except HelperError as error:
+            if error.code != BusyError.code:
+                raise
+            # of a scan whose orchestrator was lost; nobody else will end it
+            self._node.get_logger().warning(f'{error}; that is ended now')
+            await self._stop_recording()
+            self._recording = True
+            await self._helpers.trigger('recorder/start', _SLACK, self._guard)
 
     async def _require_cell(self) -> None:
         """Wait for a cell that is just coming up, and say who is missing of one that does not."""
@@ -222,34 +243,61 @@ class GraphTools:
         """Return when every profile is in the bag."""
         if not self._link.heads:
             raise HelperError('NO_PROFILE', 'the scan has no profile')
+        # a laser that nobody can turn off gives profiles on and on
+        await self._measure_none()
 
         def complete() -> bool:
-            return (self._link.recorded or 0) >= max(self._link.heads)
+            recorded = self._link.recorded
+            return recorded is not None and recorded >= max(self._link.heads)
 
-        await self._until(complete, 60.0, 'the recorder to write all profiles', 'NOT_RECORDED')
+        await self._until(complete, 60.0, 'the recorder to write all profiles', _NOT_RECORDED)
         # dark pictures while the mesh is made would be most of the bag
         await self._helpers.set('recorder', {'pictures': False})
+        # camera and table may be turned off from now on
+        self._watched = ['registrar', 'mesher', 'recorder']
+
+    async def _measure_none(self) -> None:
+        lasers = len(self.context.plan.sweeps[0].views)
+        await self._helpers.set('triangulator', {'view': [NOT_MEASURED] * lasers})
 
     async def register(self) -> Mapping[str, Any]:
         """Bring the views together, and return what is said of them."""
-        return await self._helpers.trigger('registrar/register', _MESHING, self._guard)
+        await self._helpers.set('registrar', {'expected': max(self._link.heads) + 1})
+        return await self._work('registrar', 'register')
 
     async def build(self) -> Mapping[str, Any]:
         """Make the mesh, and return what is said of it."""
-        return await self._helpers.trigger('mesher/build', _MESHING, self._guard)
+        return await self._work('mesher', 'build')
+
+    async def _work(self, node: str, service: str) -> Mapping[str, Any]:
+        self._working = node
+        answer = await self._helpers.trigger(f'{node}/{service}', _MESHING, self._guard)
+        self._working = ''
+        return answer
 
     async def finish(self, outcome: Outcome) -> None:
         """Close the bag and write what belongs to the scan."""
         self.bag = await self._stop_recording()
-        await self._node.in_thread(finish_scan, self.context.folder, outcome, self.bag)
+        await self.in_thread(finish_scan, self.context.folder, outcome, self.bag)
+
+    async def in_thread(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Run what waits for a disk, while the node goes on."""
+        return await self._node.in_thread(function, *arguments)
 
     async def halt(self, outcome: Outcome) -> None:
         """Stop the table and close the bag, as far as that is possible; never raises."""
         self._link.halt()
         if self._helpers.has('turntable/stop'):
             await self._quietly(self._helpers.trigger('turntable/stop', 5.0))
+        if self._working and self._helpers.has(f'{self._working}/cancel'):
+            # who goes on with what nobody waits for is busy when the next scan comes
+            await self._quietly(self._helpers.trigger(f'{self._working}/cancel', 5.0))
+        if 'triangulator' in self._watched and not self._link.watch.silent(['triangulator']):
+            await self._quietly(self._measure_none())
         if self._recording:
-            await self._quietly(self._stop_recording())
+            trouble = await self._quietly(self._stop_recording())
+            if trouble and outcome.code == _NOT_RECORDED:
+                outcome.detail = f'{outcome.detail}: {trouble}'
 
     async def _stop_recording(self) -> Mapping[str, Any]:
         self._recording = False
@@ -273,9 +321,18 @@ class GraphTools:
     def _guard(self) -> None:
         self._machine.check()
         self._link.watch.require(self._watched)
+        self._link.require_one_count()
+        seconds = self._link.unrecorded_s
+        if self._recording and seconds > self.context.patience:
+            raise HelperError(
+                _NOT_RECORDED, f'the recorder has not written a profile for {seconds:.1f} s'
+            )
 
-    async def _quietly(self, work: Any) -> None:
+    async def _quietly(self, work: Any) -> str:
+        """Return what went wrong, or ''."""
         try:
             await work
         except ScanError as error:
             self._node.get_logger().warning(f'while ending the scan: {error}')
+            return str(error)
+        return ''

@@ -73,12 +73,13 @@ class Orchestrator(CellNode):
         root = Path(self.get('scan_root'))
         if not root.is_dir():
             return
-        for scan_id in record.close_interrupted(root):
-            self.get_logger().warning(f'scan {scan_id} was interrupted and is marked FAILED')
-            try:
+        try:
+            interrupted = record.close_interrupted(root)
+            for scan_id in interrupted:
+                self.get_logger().warning(f'scan {scan_id} was interrupted and is marked FAILED')
                 Catalogue(root).set_stage(scan_id, 'FAILED', 'INTERRUPTED')
-            except ScanError as error:
-                self.get_logger().warning(str(error))
+        except ScanError as error:
+            self.get_logger().warning(str(error))
 
     def _start_scan(self) -> Answer:
         running = self._accept()
@@ -175,8 +176,10 @@ class Orchestrator(CellNode):
             self._tell()
 
     def _repeat_status(self) -> None:
-        if self._running is not None:
-            self._running.counted()
+        running = self._running
+        # the end is told together with the answer
+        if running is not None and running.machine.running:
+            running.counted()
             self._tell()
 
     def _tell(self) -> None:

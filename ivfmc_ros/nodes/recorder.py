@@ -26,8 +26,8 @@ from std_msgs.msg import UInt64
 from visualization_msgs.msg import Marker
 
 from ivfmc_ros.errors import BusyError
-from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.errors import ScanError
 from ivfmc_ros.errors import StateError
 from ivfmc_ros.nodes import qos
 from ivfmc_ros.nodes.adaptive import AdaptiveSubscription
@@ -37,6 +37,7 @@ from ivfmc_ros.nodes.health import Level
 from ivfmc_ros.storage.catalogue import Catalogue
 from ivfmc_ros.storage.live_recorder import LiveRecorder
 from ivfmc_ros.storage.live_recorder import Place
+from ivfmc_ros.storage.notes import Notes
 from ivfmc_ros.storage.profile_head import ProfileHead
 from ivfmc_ros.storage.profile_head import read_head
 
@@ -86,10 +87,9 @@ class Recorder(CellNode):
             high=65536,
         )
         self._recorder: LiveRecorder | None = None
-        self._catalogue: Catalogue | None = None
+        self._notes: Notes | None = None
         self._told: int | None = None
         self._ending: Future | None = None
-        self._catalogue_error: str | None = None
         self._recorded = self.publish_on(UInt64, 'recorded')
         self._listening = [self._listen(name) for name in self.get('topics')]
         self.trigger('start', self._start)
@@ -99,8 +99,8 @@ class Recorder(CellNode):
     def stop(self) -> None:
         """End the bag, so that it can be read."""
         if self._recorder is not None:
-            self._recorder.stop()
-            self._recorder = None
+            recorder, self._recorder = self._recorder, None
+            self._end(recorder)
         super().stop()
 
     def before_diagnosis(self) -> None:
@@ -115,8 +115,8 @@ class Recorder(CellNode):
         if counts.dropped:
             lost = ', '.join(f'{n} on {name}' for name, n in counts.dropped_topics.items())
             self.health.set('disk', Level.ERROR, f'too slow, dropped messages: {lost}')
-        if self._catalogue_error is not None:
-            self.health.set('catalogue', Level.ERROR, self._catalogue_error)
+        late = self._notes.error if self._notes is not None else ''
+        self.health.set('catalogue', Level.ERROR if late else Level.OK, late)
         self.status(
             Level.OK,
             'recording',
@@ -156,33 +156,37 @@ class Recorder(CellNode):
         folder, scan_id = self.get('scan_folder'), self.get('scan_id')
         if not folder or not scan_id:
             raise ParameterError('recorder: scan_folder and scan_id must be set before start')
-        self._catalogue = Catalogue(Path(folder).parent, create=True)
-        self._catalogue_error, self._told = None, None
+        self._told = None
         for trouble in ('disk', 'catalogue', 'file'):
             self.health.clear(trouble)
-        self._recorder = LiveRecorder(
-            Path(folder),
-            compress=self.get('compress'),
-            room=self.get('room') * 1024 * 1024,
-            flushed=partial(self._note, self._catalogue, scan_id),
-        )
+        notes = Notes(Catalogue(Path(folder).parent, create=True))
+        try:
+            self._recorder = LiveRecorder(
+                Path(folder),
+                compress=self.get('compress'),
+                room=self.get('room') * 1024 * 1024,
+                flushed=lambda places: notes.add(partial(_note, scan_id, places)),
+            )
+        except ScanError:
+            notes.close()
+            raise
+        self._notes = notes
         return {'path': str(self._recorder.folder), 'topics': list(self.get('topics'))}
 
-    def _note(self, catalogue: Catalogue, scan_id: str, places: Sequence[Place]) -> None:
-        # in the writing thread: an error is told by the next diagnosis
+    def _end(self, recorder: LiveRecorder) -> Path:
+        """Write what is left of bag and catalogue; waits for both."""
         try:
-            catalogue.add_profiles(scan_id, places)
-        except CatalogueError as error:
-            self._catalogue_error = str(error)
+            return recorder.stop()
+        finally:
+            if self._notes is not None:
+                self._notes.close()
 
     async def _stop(self) -> dict[str, Any]:
         recorder, self._recorder = self._recorder, None
         if recorder is None:
             raise StateError('recorder: nothing is being recorded')
-        path = await self.in_thread(recorder.stop)
+        path = await self.in_thread(self._end, recorder)
         self._publish(recorder)
-        if self._catalogue is not None:
-            self._catalogue.close()
         counts = recorder.counts
         return {
             'path': str(path),
@@ -190,7 +194,7 @@ class Recorder(CellNode):
             'bytes': counts.bytes,
             'dropped': counts.dropped,
             'recorded': recorder.recorded,
-            'catalogue_error': self._catalogue_error,
+            'catalogue_error': self._notes.error if self._notes is not None else '',
         }
 
     def _tell(self) -> None:
@@ -201,6 +205,10 @@ class Recorder(CellNode):
         if recorder.recorded is not None and recorder.recorded != self._told:
             self._told = recorder.recorded
             self._recorded.publish(UInt64(data=recorder.recorded))
+
+
+def _note(scan_id: str, places: Sequence[Place], catalogue: Catalogue) -> None:
+    catalogue.add_profiles(scan_id, places)
 
 
 def main() -> None:

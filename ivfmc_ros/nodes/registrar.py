@@ -18,7 +18,9 @@ from sensor_msgs.msg import PointCloud2
 
 from ivfmc_ros import pipeline
 from ivfmc_ros.errors import BusyError
+from ivfmc_ros.errors import LostProfilesError
 from ivfmc_ros.errors import NoStripeError
+from ivfmc_ros.errors import TimeoutExceededError
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import Profile
 from ivfmc_ros.model import View
@@ -29,10 +31,14 @@ from ivfmc_ros.nodes.base import CellNode
 from ivfmc_ros.nodes.base import run
 from ivfmc_ros.nodes.cell_source import CellSource
 from ivfmc_ros.nodes.health import Level
+from ivfmc_ros.nodes.waiting import Waiting
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.registration.arrivals import Arrivals
 from ivfmc_ros.worker import Job
 from ivfmc_ros.worker import Worker
+
+# Seconds that profiles may take from one node to the other.
+_LATE_S = 5.0
 
 
 class Registrar(CellNode):
@@ -41,6 +47,13 @@ class Registrar(CellNode):
     def __init__(self) -> None:
         super().__init__('registrar')
         self.parameter('scan_id', '', 'Name of the scan; another one begins without profiles.')
+        self.parameter(
+            'expected',
+            0,
+            'Profiles of the scan, for which register waits; 0: it takes those that have come.',
+            low=0,
+            high=10_000_000,
+        )
         self.parameter(
             'merge', [], 'Ids of the scans that the service merge brings together.', kind=str
         )
@@ -56,6 +69,7 @@ class Registrar(CellNode):
         self._arrivals = Arrivals()
         self._busy = False
         self._worker = Worker()
+        self._waiting = Waiting(self)
         self.changed(self._change)
         self._views = self.publish_on(PointCloud2, 'view')
         self._poses = self.publish_on(PoseArray, 'view_poses')
@@ -137,7 +151,20 @@ class Registrar(CellNode):
         finally:
             self._busy = False
 
+    async def _await_profiles(self) -> None:
+        """:raises LostProfilesError: fewer have come than the scan has."""
+        expected = self.get('expected')
+        # a request can overtake what was published before it
+        try:
+            await self._waiting.until(lambda: len(self._profiles) >= expected, _LATE_S, 'profiles')
+        except TimeoutExceededError as error:
+            raise LostProfilesError(
+                f'registrar: {len(self._profiles)} of {expected} profiles have come; if they are '
+                'in the bag, ivfmc reconstruct makes the mesh'
+            ) from error
+
     async def _register(self) -> Mapping[str, Any]:
+        await self._await_profiles()
         if not self._profiles:
             topic = self.resolve_topic_name('profile')
             raise NoStripeError(f'registrar: no profile has come on {topic} since the last reset')

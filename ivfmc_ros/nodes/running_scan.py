@@ -5,8 +5,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
-import json
 from pathlib import Path
+import shutil
 import time
 from typing import Any
 
@@ -16,6 +16,7 @@ from ivfmc_ros.cell.camera_file import save_camera
 from ivfmc_ros.cell.cell_file import CellDraft
 from ivfmc_ros.cell.cell_file import save_draft
 from ivfmc_ros.errors import ScanError
+from ivfmc_ros.nodes.answers import text
 from ivfmc_ros.nodes.cell_link import CellLink
 from ivfmc_ros.nodes.graph_tools import GraphTools
 from ivfmc_ros.nodes.graph_tools import ScanContext
@@ -27,6 +28,10 @@ from ivfmc_ros.scan.machine import Stage
 from ivfmc_ros.scan.progress import Progress
 from ivfmc_ros.storage.camera_info import camera_of
 from ivfmc_ros.storage.catalogue import Catalogue
+from ivfmc_ros.storage.notes import Notes
+
+# The node does nothing else while it waits for the catalogue.
+_PATIENCE_S = 2.0
 
 # the keys of scan_status are fixed: somebody's gateway reads them
 _KEYS = (
@@ -57,7 +62,7 @@ class RunningScan:
     ended: Future
     result: Mapping[str, Any] | None = None
     detail: str = ''
-    _catalogue: Catalogue | None = None
+    _notes: Notes = field(init=False)
     _progress: Progress = field(init=False)
 
     def __post_init__(self) -> None:
@@ -77,28 +82,47 @@ class RunningScan:
         """
         Write what the scan is taken with, and its row in the catalogue.
 
-        :raises ScanError: it cannot be written
+        :raises ScanError: it cannot be written; then nothing is left of it
         """
-        save_draft(self.folder / 'cell.yaml', draft)
-        record.save_parameters(self.folder, parameters)
-        self._catalogue = Catalogue(self.folder.parent, create=True)
-        request = self.context.request
-        self._catalogue.add_scan(
-            self.scan_id, request.part, request.recipe, str(Stage.IDLE), request.as_dict()
-        )
-        self._save()
+        try:
+            save_draft(self.folder / 'cell.yaml', draft)
+            record.save_parameters(self.folder, parameters)
+            self._save()
+            catalogue = Catalogue(self.folder.parent, create=True, patience_s=_PATIENCE_S)
+            request = self.context.request
+            catalogue.add_scan(
+                self.scan_id, request.part, request.recipe, str(Stage.IDLE), request.as_dict()
+            )
+        except ScanError:
+            shutil.rmtree(self.folder, ignore_errors=True)
+            raise
+        self._notes = Notes(catalogue)
 
     async def run(self) -> dict[str, Any]:
         """Take the scan to its end and return the answer."""
+        # another orchestrator of the same folder must not take it for one that was interrupted
+        with record.claimed(self.folder):
+            return await self._run()
+
+    async def _run(self) -> dict[str, Any]:
         outcome = await run_job(self.machine, self.context.plan, self.context.motion, self.tools)
-        self.result = self._answer(outcome)
+        answer = self._answer(outcome)
         self._save(outcome)
-        if self._catalogue is not None:
-            self._catalogue.set_stage(self.scan_id, str(self.machine.stage), outcome.code)
-            if outcome.code == 'OK':
-                self._catalogue.add_result(self.scan_id, self.scan_id, dict(self.result))
-            self._catalogue.close()
-        return dict(self.result)
+        self._note(outcome.code)
+        if outcome.code == 'OK':
+            scan_id, result = self.scan_id, dict(answer)
+            self._notes.add(lambda catalogue: catalogue.add_result(scan_id, scan_id, result))
+        await self.tools.in_thread(self._notes.close)
+        error = self._notes.error or self.tools.bag.get('catalogue_error')
+        if error:
+            answer['catalogue_error'] = error
+        self.result = answer
+        return dict(answer)
+
+    def _note(self, code: str = '') -> None:
+        """Note the stage in the catalogue; one that cannot be written is no end of a scan."""
+        stage = str(self.machine.stage)
+        self._notes.add(lambda catalogue: catalogue.set_stage(self.scan_id, stage, code))
 
     def changed(self) -> None:
         """Note a change of stage where it outlives this process."""
@@ -107,8 +131,7 @@ class RunningScan:
         if stage is Stage.SCANNING and not (self.folder / 'camera.yaml').exists():
             save_camera(self.folder / 'camera.yaml', camera_of(self.tools.camera_info))
         self._save()
-        if self._catalogue is not None:
-            self._catalogue.set_stage(self.scan_id, str(stage))
+        self._note()
 
     def counted(self) -> None:
         """Bring the counts up to date."""
@@ -124,12 +147,13 @@ class RunningScan:
     def interrupted(self) -> None:
         """Note that this process ends before the scan does."""
         try:
-            record.close_interrupted(self.folder.parent)
-            if self._catalogue is not None:
-                self._catalogue.set_stage(self.scan_id, str(Stage.FAILED), 'INTERRUPTED')
+            record.mark_interrupted(self.folder)
         except ScanError:
             # it will be noted at the next start
             return
+        failed = str(Stage.FAILED)
+        self._notes.add(lambda catalogue: catalogue.set_stage(self.scan_id, failed, 'INTERRUPTED'))
+        self._notes.close()
 
     def status(self) -> dict[str, str]:
         """Return the values of ``scan_status``."""
@@ -144,7 +168,7 @@ class RunningScan:
             'profiles_total': str(self.context.plan.profiles),
             'eta_s': f'{progress.eta():.1f}',
             'code': '' if result is None else str(result['code']),
-            'result': '' if result is None else json.dumps(result),
+            'result': '' if result is None else text(result),
         }
 
     @staticmethod

@@ -153,7 +153,8 @@ def _declare_cell(node: CellNode) -> None:
 def _request(values: Mapping[str, Any]) -> ScanRequest:
     known: dict[str, Any] = {field.name: values[field.name] for field in fields(ScanRequest)}
     for name in ('lasers', 'formats'):
-        known[name] = tuple(known[name])
+        # an empty list cannot be set again, one of an empty text can
+        known[name] = tuple(item for item in known[name] if item)
     return ScanRequest(**known)
 
 

@@ -50,6 +50,8 @@ _BUDGET_S = 0.04
 # The first pictures of a scan decide together what the settings leave open; after such a pause
 # those that came decide. In steps, somebody may wait for a profile before the table turns on.
 _SAMPLE_WAIT_S = {'continuous': 5.0, 'step': 1.0}
+# Stamps of one clock that come at the same time differ by less.
+_ONE_CLOCK_S = 2.0
 # Parameters that change how a picture is measured.
 _ACQUISITION = ('extract.', 'volume.', 'noise_')
 
@@ -69,6 +71,7 @@ class Triangulator(CellNode):
         self._seq = 0
         self._last_s = self.steady_s()
         self._working = False
+        self._ahead_s = 0.0
         self.changed(self._change)
         self._change({'view', 'cell'})
         self._profiles = self.publish_on(PointCloud2, 'profile')
@@ -88,13 +91,14 @@ class Triangulator(CellNode):
         self.steady_timer(_LOOK_S, self._work)
 
     def _change(self, names: set[str]) -> None:
-        if 'cell' in names:
-            self._matcher = Matcher(self._laser_names())
         if 'scan_id' in names:
             self._seq = 0
             self._matcher.restart()
             self._source.reload()
             self._counts.clear()
+        # cell.yaml may have been written anew, with other lasers
+        if 'cell' in names or self._matcher.names != tuple(self._laser_names()):
+            self._matcher = Matcher(self._laser_names())
         if 'scan_id' in names or any(name.startswith(_ACQUISITION) for name in names):
             # the first pictures decide anew
             self._stream = None
@@ -106,7 +110,9 @@ class Triangulator(CellNode):
 
     def _take_picture(self, message: ImageMessage) -> None:
         self._counts['pictures'] += 1
-        self._matcher.picture(nanoseconds(message.header.stamp), message, self.steady_s())
+        stamp_ns = nanoseconds(message.header.stamp)
+        self._ahead_s = self._matcher.ahead_s(stamp_ns)
+        self._matcher.picture(stamp_ns, message, self.steady_s())
         if len(self._matcher) > self.get('queue'):
             self._counts[self._matcher.drop_oldest().reason] += 1
         self._work()
@@ -251,8 +257,19 @@ class Triangulator(CellNode):
         self._miss('image_raw', bool(self._counts['pictures']), self._pictures)
         self._miss('joint_states', self._matcher.table_known, self._joints)
         self._miss('laser_states', self._matcher.lasers_known, self._lasers)
+        self._compare_clocks()
         counted = ', '.join(f'{count} {name}' for name, count in self._counts.items() if count)
         self.status(Level.OK, '', waiting=waiting, counts=counted, scan_id=self.get('scan_id'))
+
+    def _compare_clocks(self) -> None:
+        ahead = self._ahead_s
+        text = (
+            f'{self._pictures.topic}: stamps are {abs(ahead):.1f} s '
+            f'{"ahead of" if ahead > 0.0 else "behind"} those of {self._joints.topic}; '
+            'do their clocks agree?'
+        )
+        wrong = abs(ahead) > _ONE_CLOCK_S
+        self.health.set('clocks', Level.WARN if wrong else Level.OK, text if wrong else '')
 
     def _miss(self, name: str, come: bool, subscription: AdaptiveSubscription) -> None:
         if come or name in self.health.conditions:

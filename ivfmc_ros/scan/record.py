@@ -2,10 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The folder of a scan, and the file in it that says how far the job is."""
 
+from collections.abc import Iterator
 from collections.abc import Mapping
+from contextlib import contextmanager
 from datetime import datetime
 from datetime import UTC
+import fcntl
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -103,24 +107,55 @@ def load_parameters(folder: Path) -> dict[str, Any]:
         raise FileError(f'{path}: has no parameters of {_NODE}: {error}') from error
 
 
+@contextmanager
+def claimed(folder: Path) -> Iterator[bool]:
+    """Hold a scan while the block runs, or say False: another process does."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        free = True
+    except BlockingIOError:
+        free = False
+    except OSError:
+        # a file system without locks does not tell
+        free = True
+    try:
+        yield free
+    finally:
+        os.close(handle)
+
+
 def close_interrupted(root: Path) -> list[str]:
     """
     Mark the scans that were running when their orchestrator ended as failed.
 
+    Those that another process has claimed are running.
+
     :returns: their ids
+    :raises FileError: one cannot be marked
     """
-    ended = []
-    for path in sorted(root.glob(f'*/{JOB}')):
-        try:
-            document = load_job(path.parent)
-        except FileError:
-            continue  # somebody else's file is not ours to judge
-        if Stage(document['stage']) in ENDS:
-            continue
-        why = f'the orchestrator ended while the scan was {document["stage"]}'
-        save_job(
-            path.parent,
-            {**document, 'stage': str(Stage.FAILED), 'code': 'INTERRUPTED', 'detail': why},
-        )
-        ended.append(path.parent.name)
-    return ended
+    return [path.parent.name for path in sorted(root.glob(f'*/{JOB}')) if _close(path.parent)]
+
+
+def _close(folder: Path) -> bool:
+    with claimed(folder) as free:
+        return free and mark_interrupted(folder)
+
+
+def mark_interrupted(folder: Path) -> bool:
+    """
+    Mark a scan as failed unless it has ended; False where it has, or is none of ours.
+
+    :raises FileError: it cannot be written
+    """
+    try:
+        document = load_job(folder)
+    except FileError:
+        return False  # somebody else's file is not ours to judge
+    if Stage(document['stage']) in ENDS:
+        return False
+    why = f'the orchestrator ended while the scan was {document["stage"]}'
+    save_job(
+        folder, {**document, 'stage': str(Stage.FAILED), 'code': 'INTERRUPTED', 'detail': why}
+    )
+    return True

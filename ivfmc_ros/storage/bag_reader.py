@@ -117,6 +117,17 @@ class Bag:
 
         return decode_named
 
+    def stamp_ns(self, raw: Raw) -> int:
+        """
+        Return the stamp, in nanoseconds, of a message that begins with a header; not decoded.
+
+        :raises BagError: it is too short for a header
+        """
+        try:
+            return cdr.leading_stamp_ns(raw.data)
+        except BagError as error:
+            raise BagError(f'{self.path}: {raw.topic}, message {raw.index}: {error}') from error
+
     def messages(self, topics: Collection[str]) -> Iterator[Raw]:
         """
         Yield the messages of some topics in the order in which they were written.

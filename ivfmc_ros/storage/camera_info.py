@@ -8,7 +8,6 @@ import numpy as np
 
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.cell.camera import DISTORTION_COEFFICIENTS
-from ivfmc_ros.errors import BagError
 from ivfmc_ros.errors import CellError
 
 
@@ -16,7 +15,7 @@ def camera_of(info: Any, where: str = 'camera_info') -> Camera:
     """
     Return the camera of a CameraInfo; the message of an error begins with ``where``.
 
-    :raises BagError: it describes none, for example an uncalibrated one
+    :raises CellError: it describes none, for example an uncalibrated one
     """
     model = info.distortion_model or 'plumb_bob'
     distortion = np.asarray(info.d, dtype=np.float64)
@@ -32,4 +31,4 @@ def camera_of(info: Any, where: str = 'camera_info') -> Camera:
             model=model,
         )
     except CellError as error:
-        raise BagError(f'{where}: {error}') from error
+        raise CellError(f'{where}: {error}') from error

@@ -22,13 +22,14 @@ import sqlalchemy as sql
 from sqlalchemy.dialects.sqlite import insert
 from sqlalchemy.exc import SQLAlchemyError
 
+from ivfmc_ros.errors import CatalogueBusyError
 from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.storage.live_recorder import Place
 
 FILE_NAME = 'catalogue.sqlite3'
 
 # seconds that a writer waits for another one
-_PATIENCE = 15.0
+_PATIENCE_S = 15.0
 _SCHEMA = 1
 
 _META = sql.MetaData()
@@ -141,11 +142,14 @@ class ResultRow:
 class Catalogue:
     """The scans of one folder."""
 
-    def __init__(self, root: Path, *, create: bool = False) -> None:
+    def __init__(
+        self, root: Path, *, create: bool = False, patience_s: float = _PATIENCE_S
+    ) -> None:
         """
         Open the catalogue of a folder of scans.
 
         create : make folder and catalogue where there are none
+        patience_s : how long one that somebody else writes to is waited for
         :raises CatalogueError: there is none, or it is not one of ours
         """
         self.root = root
@@ -156,13 +160,13 @@ class Catalogue:
             raise CatalogueError(f'{self.path}: there is no catalogue; no scan was taken there')
         self._engine = sql.create_engine(
             sql.engine.URL.create('sqlite', database=str(self.path)),
-            connect_args={'timeout': _PATIENCE},
+            connect_args={'timeout': patience_s},
             future=True,
         )
         with self._begin() as connection:
-            _require_ours(connection, self.path)
-            _META.create_all(connection)
-            connection.execute(sql.text(f'PRAGMA user_version = {_SCHEMA}'))
+            if not _is_made(connection, self.path):
+                _META.create_all(connection)
+                connection.execute(sql.text(f'PRAGMA user_version = {_SCHEMA}'))
 
     def close(self) -> None:
         """Let go of the file."""
@@ -291,7 +295,8 @@ class Catalogue:
                 yield connection
         except SQLAlchemyError as error:
             reason = getattr(error, 'orig', None) or error
-            raise CatalogueError(f'{self.path}: {reason}') from error
+            kind = CatalogueBusyError if 'database is locked' in str(reason) else CatalogueError
+            raise kind(f'{self.path}: {reason}') from error
 
 
 def _make(root: Path) -> None:
@@ -301,12 +306,13 @@ def _make(root: Path) -> None:
         raise CatalogueError(f'{root}: cannot be made: {error.strerror or error}') from error
 
 
-def _require_ours(connection: sql.engine.Connection, path: Path) -> None:
+def _is_made(connection: sql.engine.Connection, path: Path) -> bool:
     version = connection.execute(sql.text('PRAGMA user_version')).scalar_one()
     if version not in (0, _SCHEMA):
         raise CatalogueError(
             f'{path}: is a catalogue of version {version}, this program reads {_SCHEMA}'
         )
+    return bool(version == _SCHEMA)
 
 
 def _count_view(connection: sql.engine.Connection, scan_id: str, view: int) -> None:

@@ -32,6 +32,9 @@ NANOSECONDS = 1_000_000_000
 # what damaged or unsuitable bytes make the decoder raise, older versions of it included
 _DECODING = (SerdeError, struct.error, ValueError, KeyError, IndexError, AssertionError)
 
+# bytes: what CDR begins with, and a stamp
+_LEADING = 12
+
 _SEPARATOR = '=' * 80
 _EVENT_SUFFIX = '_Event'
 _EVENT = """service_msgs/ServiceEventInfo info
@@ -88,7 +91,13 @@ def stamp_ns(message: Any) -> int:
 
 
 def leading_stamp_ns(data: bytes) -> int:
-    """Return the stamp, in nanoseconds, of an encoded message that begins with a header."""
+    """
+    Return the stamp, in nanoseconds, of an encoded message that begins with a header.
+
+    :raises BagError: it is too short for one
+    """
+    if len(data) < _LEADING:
+        raise BagError(f'{len(data)} bytes have no header')
     order: Literal['little', 'big'] = 'little' if data[1] & 1 else 'big'
     seconds = int.from_bytes(data[4:8], order, signed=True)
     return seconds * NANOSECONDS + int.from_bytes(data[8:12], order)

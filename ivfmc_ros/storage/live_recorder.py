@@ -114,8 +114,11 @@ class LiveRecorder:
         self._chunk: list[tuple[_Item, int]] = []
         self._chunk_bytes = 0
         self._stream = _begin(folder)
-        self._mcap = ChunkFile(self._stream, compress=compress)
-        self._stream.flush()
+        try:
+            self._mcap = ChunkFile(self._stream, compress=compress)
+            self._stream.flush()
+        except OSError as error:
+            raise _unwritten(folder, error) from error
         self._thread = threading.Thread(target=self._run, name='recorder', daemon=True)
         self._thread.start()
 
@@ -313,6 +316,8 @@ def _begin(folder: Path) -> IO[bytes]:
     except FileExistsError:
         raise FileError(f'{folder / PART_NAME}: exists already and is not overwritten') from None
     except OSError as error:
-        raise FileError(
-            f'{folder / PART_NAME}: cannot be written: {error.strerror or error}'
-        ) from error
+        raise _unwritten(folder, error) from error
+
+
+def _unwritten(folder: Path, error: OSError) -> FileError:
+    return FileError(f'{folder / PART_NAME}: cannot be written: {error.strerror or error}')

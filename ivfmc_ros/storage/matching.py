@@ -151,6 +151,16 @@ class Matcher:
         return len(self._waiting)
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Of the lasers."""
+        return self._lasers
+
+    def ahead_s(self, stamp_ns: int) -> float:
+        """Return by how much a stamp is ahead of the table's newest, seconds; 0 without one."""
+        stamps = self._table.stamps
+        return (stamp_ns - stamps[-1]) / _NANOSECONDS if stamps else 0.0
+
+    @property
     def table_known(self) -> bool:
         """Whether the table has been reported."""
         return bool(self._table.stamps)

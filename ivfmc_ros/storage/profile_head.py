@@ -62,4 +62,7 @@ def _value(cloud: Any, fields: dict[str, Any], name: str) -> float:
         known = ', '.join(fields) or 'none'
         raise MessageError(f'profile: has no usable field {name!r}; its fields are {known}')
     kind = '<' + _FORMATS[field.datatype]
-    return float(struct.unpack_from(kind, cloud.data, field.offset)[0])
+    try:
+        return float(struct.unpack_from(kind, cloud.data, field.offset)[0])
+    except struct.error as error:
+        raise MessageError(f'profile: is too short for its field {name!r}') from error

@@ -18,6 +18,7 @@ import numpy as np
 
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.errors import BagError
+from ivfmc_ros.errors import CellError
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import MessageError
 from ivfmc_ros.model import Frame
@@ -300,7 +301,10 @@ def _require_lasers(
 def _camera(bag: Bag, roles: Roles, messages: Mapping[str, list[Any]]) -> Camera:
     if roles.camera_info is None:
         raise missing(bag, 'camera_info')
-    return camera_of(messages['camera_info'][0], f'{bag.path}: {roles.camera_info.name}')
+    try:
+        return camera_of(messages['camera_info'][0], f'{bag.path}: {roles.camera_info.name}')
+    except CellError as error:
+        raise BagError(str(error)) from error
 
 
 def _text(stamp_ns: int) -> str:

@@ -105,7 +105,7 @@ def _pictures(
     found = []
     for raw in bag.messages([topic]):
         # a header begins with its stamp, so that most pictures need not be decoded
-        if cdr.leading_stamp_ns(raw.data) in chosen:
+        if bag.stamp_ns(raw) in chosen:
             message = decode(raw)
             profile = chosen[cdr.stamp_ns(message)]
             found.append((convert(message, f'{bag.path}: {topic}'), profile))

@@ -65,6 +65,18 @@ def test_output_of_all_comes_to_one_place():
     assert not any(is_alive(pid) for pid in ids.values())
 
 
+def test_log_that_cannot_be_written_lets_nobody_stand_still():
+    def full(name, line):
+        raise OSError('No space left on device')
+
+    # more than a pipe holds
+    talk = 'for number in range(20_000): print("a" * 80)'
+    with Processes(full) as processes:
+        processes.start('a', [sys.executable, '-c', talk], os.environ)
+        wait_until(lambda: processes.ended() is not None)
+        assert processes.ended().code == 0
+
+
 def test_who_ended_by_himself_is_named():
     with Processes(Said()) as processes:
         processes.start('a', SLEEP, os.environ, ready='up')

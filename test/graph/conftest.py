@@ -25,7 +25,8 @@ def start(tmp_path_factory):
     cells = []
 
     def start(*arguments):
-        folder = tmp_path_factory.mktemp('cell') / 'run'
+        # as people name folders
+        folder = tmp_path_factory.mktemp('cell') / 'Prüfling 1 [neu]'
         cells.append(Cell(folder, *map(str, arguments)))
         return cells[-1]
 

@@ -18,6 +18,11 @@ def start_and_await(client, start, *arguments):
 def test_ctrl_c_ends_all_in_order(client, start):
     cell = start_and_await(client, start)
     assert len(cell.processes()) >= 8
+    # two cells of one name would both answer
+    second = start('--simulate')
+    assert second.up.wait(60.0) == 1
+    assert 'a cell is up in /ivfmc already' in second.up.stderr.read()
+    assert not second.processes()
     assert cell.end(signal.SIGINT) == 0
     assert gone(cell)
     assert 'Traceback' not in cell.log()
@@ -38,6 +43,7 @@ def test_no_orphan_when_up_is_killed(client, start):
         (('--simulate', '--replay'), 'exclude each other'),
         ((), '--cell cell.yaml is needed'),
         (('--cell', 'nowhere.yaml'), 'nowhere.yaml: there is no such file'),
+        (('--simulate', '--namespace', 'my cell'), "--namespace 'my cell': must be of letters"),
         (('--simulate', '--set', 'robot.x=1'), 'must be node.parameter=value'),
         (('--simulate', '--set', 'mesher.display_triangles=5'), 'mesher ended with exit code 2'),
     ],

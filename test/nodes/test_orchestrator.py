@@ -1,11 +1,14 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+from contextlib import contextmanager
+from contextlib import ExitStack
 import json
 import math
+import sqlite3
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from fake_cell import FakeCell
-from graph_rig import NodeProcess
+from graph_rig import Client
 from graph_rig import running
 import pytest
 from std_msgs.msg import UInt64
@@ -19,6 +22,25 @@ KEYS = {
 }  # fmt: skip
 
 
+# what every test begins with
+PARAMETERS = {
+    'motion': 'step',
+    'profiles': 3,
+    'lasers': [''],
+    'velocity': 20.0,
+    'acceleration': 200.0,
+    'profile_patience': 20.0,
+}
+
+
+@pytest.fixture(scope='module')
+def client():
+    client = Client()
+    client.status = client.collect(DiagnosticStatus, 'scan_status')
+    yield client
+    client.close()
+
+
 @pytest.fixture
 def fake(client):
     fake = FakeCell(client)
@@ -26,30 +48,36 @@ def fake(client):
     fake.close()
 
 
-@pytest.fixture
-def root(tmp_path):
-    return tmp_path / 'scans'
+@pytest.fixture(scope='module')
+def root(tmp_path_factory):
+    return tmp_path_factory.mktemp('cell') / 'scans'
 
 
-@pytest.fixture
-def orchestrator(client, cell_file, root):
-    values = {
-        'cell': str(cell_file),
-        'scan_root': str(root),
-        'motion': 'step',
-        'profiles': 3,
-        'velocity': 20.0,
-        'acceleration': 200.0,
-        'heartbeat_limit': 1.0,
-    }
+@pytest.fixture(scope='module')
+def node(client, cell_file, root):
+    values = {'cell': str(cell_file), 'scan_root': str(root), 'heartbeat_limit': 1.0}
     with running('orchestrator', **values) as node:
-        client.status = client.collect(DiagnosticStatus, 'scan_status')
         client.until(lambda: client.status, 15.0, 'no scan_status')
         yield node
 
 
+@pytest.fixture
+def orchestrator(client, node):
+    assert client.set('orchestrator', **PARAMETERS).successful
+    client.status.clear()
+    yield node
+    if client.trigger('cancel')[0]:
+        await_stage(client, 'CANCELLED', 'FAILED', 'DONE')
+
+
 def values_of(client):
+    if not client.status:
+        return dict.fromkeys(KEYS, '')
     return {item.key: item.value for item in client.status[-1].values}
+
+
+def listing(root):
+    return sorted(path.name for path in root.iterdir()) if root.exists() else []
 
 
 def await_stage(client, *stages, seconds=30.0):
@@ -90,19 +118,15 @@ def test_continuous_scan_is_one_sweep_a_laser(client, fake, orchestrator):
 
 def test_new_scan_does_not_count_what_the_one_before_recorded(client, fake, orchestrator):
     recorded = client.publisher(UInt64, 'recorded')
-    before = len(client.status)
     assert client.trigger('start_scan')[0]
-    while values_of(client)['stage'] in ('IDLE', 'PREPARING'):
+    while values_of(client)['stage'] in ('', 'IDLE', 'PREPARING'):
         # as a recorder does that has not been started yet
         recorded.publish(UInt64(data=4))
         client.spin(0.02)
-    values = [
-        {item.key: item.value for item in status.values} for status in client.status[before:]
-    ]
+    values = [{item.key: item.value for item in status.values} for status in client.status]
     preparing = [v['profiles_done'] for v in values if v['stage'] in ('IDLE', 'PREPARING')]
     assert preparing
     assert set(preparing) == {'0'}
-    client.trigger('cancel')
 
 
 def test_second_scan_is_refused_at_once_and_names_the_first(client, fake, orchestrator):
@@ -188,19 +212,98 @@ def test_parameter_that_makes_no_scan_is_refused_by_name(client, orchestrator, n
 
 def test_unknown_laser_is_refused_when_a_scan_is_asked_for(client, orchestrator, root):
     client.set('orchestrator', lasers=['top'])
+    before = listing(root)
     success, answer = client.trigger('start_scan')
     assert (success, answer['code']) == (False, 'BAD_PARAMETER')
-    assert not root.exists()
+    assert listing(root) == before
 
 
-def test_scan_that_was_cut_off_is_marked_at_the_next_start(client, cell_file, root):
-    Catalogue(root, create=True).add_scan('s1', 'part', '', 'SCANNING', {})
-    (root / 's1').mkdir()
-    record.save_job(root / 's1', {'stage': 'SCANNING'})
-    node = NodeProcess('orchestrator', cell=str(cell_file), scan_root=str(root))
-    status = client.collect(DiagnosticStatus, 'scan_status')
-    try:
-        client.until(lambda: status, 15.0, 'no scan_status')
-    finally:
-        node.end()
-    assert Catalogue(root).scan('s1').code == 'INTERRUPTED'
+@contextmanager
+def locked(root):
+    """The catalogue as somebody holds it who looks into it with another program."""
+    connection = sqlite3.connect(root / 'catalogue.sqlite3', check_same_thread=False)
+    connection.execute('BEGIN EXCLUSIVE')
+    yield
+    connection.rollback()
+    connection.close()
+
+
+def test_catalogue_that_is_locked_refuses_a_scan_and_nothing_is_left(client, orchestrator, root):
+    Catalogue(root, create=True)
+    before = listing(root)
+    with locked(root):
+        success, answer = client.trigger('start_scan')
+    assert (success, answer['code']) == (False, 'BAD_CATALOGUE')
+    assert listing(root) == before
+
+
+def test_catalogue_that_is_locked_later_is_said_and_is_no_end(client, fake, orchestrator, root):
+    with ExitStack() as stack:
+        fake.meanwhile['registrar/register'] = lambda: stack.enter_context(locked(root))
+        success, answer = client.trigger('scan')
+    assert success, answer
+    assert 'locked' in answer['catalogue_error']
+    assert record.load_job(root / answer['scan_id'])['stage'] == 'DONE'
+
+
+def test_cancel_ends_the_work_of_the_helpers(client, fake, orchestrator):
+    fake.stuck.add('registrar/register')
+    client.trigger('start_scan')
+    await_stage(client, 'REGISTERING')
+    # nothing of camera and table is needed any more
+    fake.silent.add('triangulator')
+    client.spin(1.5)
+    assert values_of(client)['stage'] == 'REGISTERING'
+    assert client.trigger('cancel')[0]
+    await_stage(client, 'CANCELLED')
+    assert fake.called[-2:] == ['registrar/cancel', 'recorder/stop']
+
+
+def test_registrar_is_told_how_many_profiles_there_are(client, fake, orchestrator):
+    assert client.trigger('scan')[0]
+    assert fake.parameter('registrar', 'expected') == 6
+
+
+def test_laser_that_is_always_on_ends_with_the_scan(client, fake, orchestrator):
+    fake.always_on, fake.behind = 'left', 2
+    client.set('orchestrator', motion='continuous', profiles=12, profile_rate=30.0)
+    client.set('orchestrator', lasers=['left'])
+    success, answer = client.trigger('scan', 30.0)
+    assert success, answer
+    seq = fake.seq
+    client.spin(0.3)
+    assert fake.seq == seq
+
+
+def test_triangulator_that_was_started_again_is_said(client, fake, orchestrator):
+    client.set('orchestrator', profiles=200)
+    client.trigger('start_scan')
+    client.until(lambda: fake.seq > 2, 30.0, 'no profiles')
+    fake.seq = 0
+    status = await_stage(client, 'FAILED', seconds=10.0)
+    assert status['code'] == 'TRIANGULATOR_LOST'
+    assert 'came twice' in status['result']
+
+
+def test_recording_of_a_lost_orchestrator_is_ended(client, fake, orchestrator):
+    busy = {'code': 'BUSY', 'detail': 'recorder: is recording scans/before'}
+    fake.answers['recorder/start'] = [busy, {'code': 'OK'}]
+    assert client.trigger('scan')[0]
+    assert fake.called[1:4] == ['recorder/start', 'recorder/stop', 'recorder/start']
+
+
+def test_recorder_that_cannot_write_ends_the_scan_by_its_reason(client, fake, orchestrator):
+    fake.behind = 1_000_000
+    full = 'scan.mcap.part: cannot be written: No space left on device'
+    fake.answers['recorder/stop'] = {'code': 'BAD_FILE', 'detail': full}
+    client.set('orchestrator', profiles=200, profile_patience=1.0)
+    success, answer = client.trigger('scan', 30.0)
+    assert (success, answer['code']) == (False, 'NOT_RECORDED')
+    assert full in answer['detail']
+
+
+def test_camera_that_is_not_calibrated_is_a_bad_cell(client, fake, orchestrator):
+    fake.calibrated = False
+    success, answer = client.trigger('scan')
+    assert (success, answer['code']) == (False, 'BAD_CELL')
+    assert 'camera_info' in answer['detail']

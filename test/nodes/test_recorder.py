@@ -1,5 +1,7 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+import sqlite3
+
 from graph_rig import NodeProcess
 from graph_rig import running
 import numpy as np
@@ -85,6 +87,25 @@ def test_what_is_published_is_in_the_bag_and_the_catalogue(client, scan, tmp_pat
     assert (view.profiles, view.points) == (5, 20)
     stored = list(stored_profiles(Catalogue(tmp_path), 's1'))
     assert [len(one) for one in stored] == [5, 5, 5, 5, 0]
+
+
+def test_catalogue_that_is_locked_holds_up_no_message_and_loses_no_row(client, scan, tmp_path):
+    profiles = client.publisher(PointCloud2, 'profile')
+    recorded = client.collect(UInt64, 'recorded')
+    ready(client, profiles)
+    client.spin(0.6)
+    assert client.trigger('recorder/start')[0]
+    connection = sqlite3.connect(tmp_path / 'catalogue.sqlite3')
+    connection.execute('BEGIN EXCLUSIVE')
+    for seq in range(3):
+        profiles.publish(profile(seq))
+        client.until(lambda seq=seq: recorded and recorded[-1].data == seq, 3.0, 'not recorded')
+    connection.rollback()
+    connection.close()
+    success, answer = client.trigger('recorder/stop')
+    assert success, answer
+    assert answer['catalogue_error'] == ''
+    assert [row.seq for row in Catalogue(tmp_path).profiles('s1')] == [0, 1, 2]
 
 
 def test_nothing_is_written_before_start_and_after_stop(client, scan):

@@ -1,6 +1,7 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 import json
+import signal
 import time
 
 from geometry_msgs.msg import PoseArray
@@ -99,6 +100,30 @@ def test_what_is_missing_is_named(client, cell_file, camera_file, profiles):
         assert (good, answer['code']) == (False, 'NOT_READY')
         assert 'camera_info' in answer['detail']
         assert client.trigger('registrar/reset') == (True, {'code': 'OK', 'dropped_profiles': 3})
+
+
+def test_register_waits_for_profiles_that_it_overtakes(client, cell_file, camera_file, profiles):
+    files = {'cell': str(cell_file), 'camera': str(camera_file)}
+    with running('registrar', **files) as node:
+        publisher = client.publisher(PointCloud2, 'profile')
+        client.until(publisher.get_subscription_count)
+        requests = client.node.create_client(Trigger, 'registrar/register')
+        client.until(requests.service_is_ready)
+        assert client.set('registrar', expected=len(profiles)).successful
+        # as on a machine that has something else to do
+        node.process.send_signal(signal.SIGSTOP)
+        for profile in profiles:
+            publisher.publish(clouds.from_profile(profile))
+        future = requests.call_async(Trigger.Request())
+        client.spin(0.3)
+        node.process.send_signal(signal.SIGCONT)
+        client.until(future.done)
+        answer = json.loads(future.result().message)
+        assert answer['code'] == 'OK', answer
+        assert answer['counts']['profiles'] == len(profiles)
+        assert client.set('registrar', expected=len(profiles) + 1).successful
+        good, answer = client.trigger('registrar/register')
+        assert (good, answer['code']) == (False, 'PROFILES_LOST')
 
 
 def test_a_cloud_without_the_fields_is_refused_by_name(client, cell_file, camera_file, profiles):

@@ -1,5 +1,7 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
 from cell_inputs import START
 from cell_inputs import STEP
 from graph_rig import running
@@ -7,6 +9,7 @@ import numpy as np
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import PointCloud2
 
+from ivfmc_ros.cell.cell_file import save_cell
 from ivfmc_ros.nodes import clouds
 
 
@@ -115,6 +118,26 @@ def test_a_joint_that_is_nowhere_yet_is_said_and_known_as_soon_as_it_is_homed(
         client.until(
             lambda: 'joints there: turntable_joint nan' in client.diagnostic('triangulator')
         )
+        feed(inputs, frames[:20], found=found)
+        client.until(lambda: len(found) >= 16)
+        inputs.picture(frames[0].image, START + 36_000 * STEP)
+        client.until(lambda: 'ahead of those of' in client.diagnostic('triangulator'))
+        feed(inputs, frames[20:24], first=20)
+        client.until(lambda: 'ahead of those of' not in client.diagnostic('triangulator'))
+
+
+def test_a_cell_that_was_written_anew_counts_from_the_next_scan(
+    client, inputs, cell, cell_file, frames, tmp_path
+):
+    found = client.collect(PointCloud2, 'profile')
+    path = tmp_path / 'cell.yaml'
+    path.write_text(cell_file.read_text())
+    with running('triangulator', cell=str(path)):
+        inputs.wait()
+        lasers = tuple(replace(laser, name=f'new_{laser.name}') for laser in cell.lasers)
+        inputs.cell = replace(cell, lasers=lasers)
+        save_cell(path, inputs.cell)
+        assert client.set('triangulator', scan_id='another').successful
         feed(inputs, frames[:20], found=found)
         client.until(lambda: len(found) >= 16)
 

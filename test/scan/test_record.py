@@ -51,3 +51,13 @@ def test_interrupted_scans_are_marked_and_others_are_not(tmp_path):
     assert record.load_job(tmp_path / 'a')['code'] == 'INTERRUPTED'
     assert record.load_job(tmp_path / 'b') == {'stage': 'DONE'}
     assert record.close_interrupted(tmp_path) == []
+
+
+def test_scan_that_another_process_holds_is_running(tmp_path):
+    folder = tmp_path / 'a'
+    folder.mkdir()
+    record.save_job(folder, {'stage': 'SCANNING'})
+    with record.claimed(folder) as mine, record.claimed(folder) as other:
+        assert (mine, other) == (True, False)
+        assert record.close_interrupted(tmp_path) == []
+    assert record.close_interrupted(tmp_path) == ['a']

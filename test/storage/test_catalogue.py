@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from concurrent.futures import ThreadPoolExecutor
 import sqlite3
+import time
 
 import pytest
 
@@ -108,3 +109,15 @@ def test_catalogue_of_a_later_version_is_refused(tmp_path):
         connection.execute('PRAGMA user_version = 99')
     with pytest.raises(CatalogueError, match='version 99'):
         Catalogue(tmp_path)
+
+
+def test_catalogue_that_may_only_be_read_is_listed(tmp_path):
+    Catalogue(tmp_path, create=True).add_scan('s1', 'part', '', 'DONE', {})
+    # as a file of somebody else is; who is root may write it all the same
+    (tmp_path / FILE_NAME).chmod(0o444)
+    connection = sqlite3.connect(tmp_path / FILE_NAME)
+    connection.execute('BEGIN IMMEDIATE')
+    begin = time.monotonic()
+    assert [row.scan_id for row in Catalogue(tmp_path).scans()] == ['s1']
+    assert time.monotonic() - begin < 5.0
+    connection.close()

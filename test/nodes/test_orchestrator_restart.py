@@ -1,0 +1,34 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+from diagnostic_msgs.msg import DiagnosticStatus
+from graph_rig import NodeProcess
+import pytest
+
+from ivfmc_ros.scan import record
+from ivfmc_ros.storage.catalogue import Catalogue
+
+
+@pytest.fixture
+def root(tmp_path):
+    """Folder of scans, of which two have not ended."""
+    catalogue = Catalogue(tmp_path / 'scans', create=True)
+    for name in ('cut_off', 'running'):
+        catalogue.add_scan(name, 'part', '', 'SCANNING', {})
+        (catalogue.root / name).mkdir()
+        record.save_job(catalogue.root / name, {'stage': 'SCANNING'})
+    return catalogue.root
+
+
+def test_scan_that_was_cut_off_is_marked_and_one_of_another_cell_is_not(client, cell_file, root):
+    status = client.collect(DiagnosticStatus, 'scan_status')
+    with record.claimed(root / 'running'):
+        node = NodeProcess('orchestrator', cell=str(cell_file), scan_root=str(root))
+        try:
+            client.until(lambda: status, 15.0, 'no scan_status')
+        finally:
+            node.end()
+    catalogue = Catalogue(root)
+    assert catalogue.scan('cut_off').code == 'INTERRUPTED'
+    assert record.load_job(root / 'cut_off')['stage'] == 'FAILED'
+    assert catalogue.scan('running').code == ''
+    assert record.load_job(root / 'running')['stage'] == 'SCANNING'
