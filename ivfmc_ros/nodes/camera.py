@@ -63,23 +63,11 @@ class CameraNode(LifecycleCellNode):
         self._capture.start()
         return super().on_activate(state)
 
-    def on_deactivate(self, state: LifecycleState) -> Any:
-        """Let the camera go."""
-        self._let_go()
-        return super().on_deactivate(state)
-
-    def on_shutdown(self, state: LifecycleState) -> None:
-        """Let the camera go."""
-        self._let_go()
-
-    def on_error(self, state: LifecycleState) -> None:
-        """Let the camera go."""
-        self._let_go()
-
-    def stop(self) -> None:
-        """Let the camera go before the publishers go."""
-        self._let_go()
-        super().stop()
+    def let_go(self) -> None:
+        """Close the camera before the publishers go."""
+        capture, self._capture = self._capture, None
+        if capture is not None:
+            capture.stop()
 
     def before_diagnosis(self) -> None:
         """Say how many pictures there were, and what is wrong."""
@@ -155,11 +143,6 @@ class CameraNode(LifecycleCellNode):
         info = camera_info(calibration, width, height)
         info.header = header(picture.stamp_ns, frame_id)
         self._infos.publish(info)
-
-    def _let_go(self) -> None:
-        capture, self._capture = self._capture, None
-        if capture is not None:
-            capture.stop()
 
     def _set_camera_info(self, request: Any, response: Any) -> Any:
         try:

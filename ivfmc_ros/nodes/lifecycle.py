@@ -60,6 +60,22 @@ class LifecycleCellNode(LifecycleNodeMixin, CellNode):
         """Label of the present state, such as 'active'."""
         return str(self._state_machine.current_state[1])
 
+    def let_go(self) -> None:
+        """Leave the device in order; a subclass says how, and may be asked again."""
+
+    def on_deactivate(self, state: LifecycleState) -> Any:
+        """Let the device go."""
+        self.let_go()
+        return super().on_deactivate(state)
+
+    def on_shutdown(self, state: LifecycleState) -> Any:
+        """Let the device go."""
+        self.let_go()
+
+    def on_error(self, state: LifecycleState) -> Any:
+        """Let the device go."""
+        self.let_go()
+
     def fix_while_active(self, *names: str) -> None:
         """Refuse to change parameters that are only looked at when the node is activated."""
 
@@ -73,7 +89,8 @@ class LifecycleCellNode(LifecycleNodeMixin, CellNode):
         self.check(refuse)
 
     def stop(self) -> None:
-        """Shut the lifecycle down, so that the device is left in order."""
+        """Shut the lifecycle down; the device is left in order also where none was."""
+        self.let_go()
         self._own_hands = False
         if self.state in ('active', 'inactive', 'unconfigured'):
             self.trigger_shutdown()

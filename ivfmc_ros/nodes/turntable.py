@@ -84,25 +84,8 @@ class TurntableNode(LifecycleCellNode):
         self._driver.start()
         return super().on_activate(state)
 
-    def on_deactivate(self, state: LifecycleState) -> Any:
+    def let_go(self) -> None:
         """Lasers off, table stopped, board let go."""
-        self._let_go()
-        return super().on_deactivate(state)
-
-    def on_shutdown(self, state: LifecycleState) -> None:
-        """Lasers off, table stopped, board let go."""
-        self._let_go()
-
-    def on_error(self, state: LifecycleState) -> None:
-        """Lasers off, table stopped, board let go."""
-        self._let_go()
-
-    def stop(self) -> None:
-        """Lasers off also where no lifecycle was."""
-        self._let_go()
-        super().stop()
-
-    def _let_go(self) -> None:
         driver, self._driver = self._driver, None
         if driver is not None:
             driver.close()
