@@ -155,8 +155,9 @@ class Blocks:
             part[:, :, radius : radius + SIDE] = values[some]
             part[:, :, :radius] = _beside(values, before[some], slice(-radius, None))
             part[:, :, radius + SIDE :] = _beside(values, after[some], slice(None, radius))
+            # many small products: for a large one BLAS would wake threads, and lose by it
             if last == 1:
-                result[some] = (part[..., 0] @ band.T)[..., None]
+                np.matmul(part[..., 0], band.T, out=result[some][..., 0])
             else:
                 np.matmul(band, part, out=result[some])
         return result

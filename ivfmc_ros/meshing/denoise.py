@@ -8,6 +8,8 @@ lets expect, and the vertices follow them (Sun et al. 2007). A face across an ed
 differs by more and has no say, so that the edge stays.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 from scipy.sparse import csr_array
 
@@ -20,6 +22,7 @@ from ivfmc_ros.model import Singles
 _ALIKE = 2.5
 _LEAST, _MOST = 0.06, 0.5  # radians, of the noise of a normal times _ALIKE
 _VERTEX_ROUNDS = 5
+_AT_ONCE = 1 << 14  # quads
 _UNFOLDING_ROUNDS = 10
 
 
@@ -64,12 +67,22 @@ def filtered_normals(normals: Floats, around: Ints, noise: Floats, rounds: int) 
     sharpness = -0.5 / (limit * limit)
     single = normals.astype(np.float32)
     for _ in range(rounds):
-        beside = single[around]
-        unlike = 2.0 - 2.0 * np.einsum('mkc,mc->mk', beside, single)
-        weight = np.exp(unlike * sharpness[:, None])
-        single = single + np.einsum('mk,mkc->mc', weight, beside)
-        single /= np.maximum(np.linalg.norm(single, axis=1, keepdims=True), 1e-12)
+        after = np.empty_like(single)
+        for some in _portions(len(single)):
+            own, beside = single[some], single[around[some]]
+            unlike = 2.0 - 2.0 * np.einsum('mkc,mc->mk', beside, own)
+            weight = np.exp(unlike * sharpness[some, None])
+            mean = own + np.einsum('mk,mkc->mc', weight, beside)
+            length = np.sqrt(np.einsum('mc,mc->m', mean, mean))
+            after[some] = mean / np.maximum(length, 1e-12)[:, None]
+        single = after
     return single
+
+
+def _portions(count: int) -> Iterator[slice]:
+    """Give all of an array in parts that stay in the processor's cache."""
+    for start in range(0, count, _AT_ONCE):
+        yield slice(start, start + _AT_ONCE)
 
 
 def _followed(vertices: Floats, quads: Ints, normals: Singles, leash: float) -> Floats:
@@ -90,8 +103,8 @@ def _followed(vertices: Floats, quads: Ints, normals: Singles, leash: float) -> 
     start = vertices.astype(np.float32)
     moved = start
     for _ in range(_VERTEX_ROUNDS):
-        height = (normals * _middles(moved, quads)).sum(axis=1, keepdims=True)
-        moved = moved + (at_vertex @ (normals * height) - _times(squares, moved)) / faces
+        pushed = _pushed(moved, quads, normals)
+        moved = moved + (at_vertex @ pushed - _times(squares, moved)) / faces
         np.clip(moved, start - leash, start + leash, out=moved)
     return np.asarray(moved, dtype=np.float64)
 
@@ -113,23 +126,34 @@ def unfolded(start: Floats, moved: Floats, quads: Ints) -> Floats:
 
 def _folded(vertices: Floats, quads: Ints, normals: Floats) -> Bools:
     """Tell of which quads a corner looks away from the normal that is given for it."""
-    x, y, z = np.ascontiguousarray(vertices.T, dtype=np.float32)
+    single = vertices.astype(np.float32)
+    parts = [_folded_of(single[quads[some]], normals[some]) for some in _portions(len(quads))]
+    return np.concatenate(parts)
+
+
+def _folded_of(corners_xyz: Singles, normals: Floats) -> Bools:
     nx, ny, nz = np.ascontiguousarray(normals.T, dtype=np.float32)
-    corners = [(x[column], y[column], z[column]) for column in quads.T]
+    corners = np.moveaxis(corners_xyz, 0, 2)
     sides = [
         (b[0] - a[0], b[1] - a[1], b[2] - a[2])
-        for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)
+        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)
     ]
-    folded = np.zeros(len(quads), dtype=bool)
+    folded = np.zeros(len(normals), dtype=bool)
     for (ax, ay, az), (bx, by, bz) in zip([sides[-1], *sides[:-1]], sides, strict=True):
         across = (ay * bz - az * by) * nx + (az * bx - ax * bz) * ny + (ax * by - ay * bx) * nz
         folded |= across < 0.0
     return folded
 
 
-def _middles(vertices: Singles, quads: Ints) -> Singles:
-    a, b, c, d = (vertices[column] for column in quads.T)
-    return np.asarray(np.float32(0.25) * (a + b + c + d))
+def _pushed(vertices: Singles, quads: Ints, normals: Singles) -> Singles:
+    """Return (m, 3) the normals, as long as the middles of the quads are high along them."""
+    pushed = np.empty_like(normals)
+    for some in _portions(len(quads)):
+        normal = normals[some]
+        a, b, c, d = (vertices[column] for column in quads[some].T)
+        height = np.float32(0.25) * np.einsum('mc,mc->m', normal, a + b + c + d)
+        pushed[some] = height[:, None] * normal
+    return pushed
 
 
 def _times(squares: Singles, vectors: Singles) -> Singles:

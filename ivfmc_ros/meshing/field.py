@@ -58,16 +58,18 @@ def sum_up(blocks: Blocks, samples: Samples) -> Sums:
     scale = float(samples.weight.mean())
     weight = samples.weight / scale
 
-    filled, of_sample = np.unique(place, return_inverse=True)
+    order = np.argsort(place, kind='stable')
+    place = place[order]
+    first = np.flatnonzero(np.diff(place, prepend=-1))
 
-    def total(values: Floats | None) -> Singles:
+    def total(values: Floats) -> Singles:
         sums = np.zeros((len(blocks), SIDE, SIDE, SIDE), dtype=np.float32)
-        sums.reshape(-1)[filled] = np.bincount(of_sample, values, minlength=len(filled))
+        sums.reshape(-1)[place[first]] = np.add.reduceat(values[order], first)
         return sums
 
     nx, ny, nz = (total(weight * samples.normals[:, k]) for k in range(3))
     x, y, z = (total(weight * at[:, k]) for k in range(3))
-    counts = total(None)
+    counts = total(np.ones(len(samples)))
     return Sums(
         weight=total(weight),
         normals=(nx, ny, nz),

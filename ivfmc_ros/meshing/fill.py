@@ -84,7 +84,7 @@ def _gather(blocks: Blocks, values: Singles, cell: int) -> Singles:
     n = SIDE // cell
     # along the rows by a product, which is far faster; what is left is small
     ends = np.repeat(np.eye(n, dtype=np.float32), cell, axis=0)
-    rows = (values.reshape(-1, SIDE) @ ends).reshape(-1, n, cell, n, cell, n)
+    rows = (values.reshape(-1, SIDE * SIDE, SIDE) @ ends).reshape(-1, n, cell, n, cell, n)
     pooled = rows.sum(axis=(2, 4))
     i, j, k = blocks.grid.shape
     dense = np.zeros((i, n, j, n, k, n), dtype=np.float32)
