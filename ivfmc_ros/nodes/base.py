@@ -11,7 +11,6 @@ from collections.abc import Awaitable
 from collections.abc import Callable
 from collections.abc import Sequence
 import inspect
-import os
 import signal
 import threading
 from typing import Any
@@ -288,9 +287,8 @@ def _begin_to_end(ending: threading.Event) -> None:
     """End in order; whatever hangs on the way must not keep an orphan alive."""
     if not ending.is_set():
         ending.set()
-        last_resort = threading.Timer(_PATIENCE, os._exit, (3,))
-        last_resort.daemon = True
-        last_resort.start()
+        # by the kernel: a thread would not be started, or not run, where the interpreter hangs
+        signal.setitimer(signal.ITIMER_REAL, _PATIENCE)
 
 
 def _spin(node: CellNode, executor: SingleThreadedExecutor, ending: threading.Event) -> int:

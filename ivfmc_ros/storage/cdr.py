@@ -124,6 +124,7 @@ def decoder(name: str, encoding: str, text: str) -> Callable[[bytes], Any]:
         types = _parse(name, encoding, text)
         store.register(types)
         store.get_msgdef(name)
+        _require_fields(name, [field for field, _ in store.fielddefs[name][1]])
     except (TypesysError, *_DECODING) as error:
         raise BagError(f'the definition of {name} cannot be understood: {error}') from error
 
@@ -134,6 +135,13 @@ def decoder(name: str, encoding: str, text: str) -> Callable[[bytes], Any]:
             raise BagError(f'{len(data)} bytes are no {name}: {error}') from error
 
     return decode
+
+
+def _require_fields(name: str, there: list[str]) -> None:
+    needed = [field for field, _ in _jazzy().fielddefs[name][1]] if knows(name) else []
+    missing = [field for field in needed if field not in there]
+    if missing:
+        raise ValueError(f'it has no field {missing[0]!r}; its fields are {", ".join(there)}')
 
 
 def _parse(name: str, encoding: str, text: str) -> dict[str, Any]:

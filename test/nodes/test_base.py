@@ -3,6 +3,7 @@
 """A node of the base and one with a lifecycle, as processes and by a plain client."""
 
 import json
+import signal
 import time
 
 from graph_rig import NodeProcess
@@ -70,6 +71,34 @@ class Living(LifecycleCellNode):
 
 sys.exit(run(Living))
 """
+
+
+HANGING = """
+import ctypes
+import sys
+from ivfmc_ros.nodes import base
+
+base._PATIENCE = 1.0
+
+class Hanging(base.CellNode):
+    def __init__(self):
+        super().__init__('plain')
+
+    def stop(self):
+        # keeps the interpreter's lock, so that no thread runs any more
+        ctypes.PyDLL(None).sleep(60)
+
+sys.exit(base.run(Hanging))
+"""
+
+
+def test_node_that_hangs_at_its_end_is_gone_all_the_same(client, script):
+    script(HANGING)
+    node = NodeProcess('plain')
+    client.until(lambda: client.diagnostic('plain'))
+    begin = time.monotonic()
+    assert node.end() == -signal.SIGALRM
+    assert time.monotonic() - begin < 10.0
 
 
 def test_answers_are_json_with_the_code_of_what_went_wrong(client, script):

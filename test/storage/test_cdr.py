@@ -121,6 +121,18 @@ def test_definition_that_cannot_be_understood_is_named(encoding, text):
         cdr.decoder('mine/msg/Thing', encoding, text)(b'\0\1\0\0')
 
 
+def test_definition_without_a_field_that_is_needed_is_named():
+    name = 'sensor_msgs/msg/CameraInfo'
+    other = cdr.definition(name).replace('uint32 height', 'uint32 rows')
+    with pytest.raises(BagError, match="has no field 'height'; its fields are header, rows"):
+        cdr.decoder(name, 'ros2msg', other)
+
+
+def test_message_too_short_for_a_header_is_refused():
+    with pytest.raises(BagError, match='3 bytes have no header'):
+        cdr.leading_stamp_ns(b'\0\1\0')
+
+
 def test_service_event_is_read_by_the_service():
     # rosbag2 stores the definition of the service, and not that of the event
     text = 'bool data\n---\nbool success\nstring message\n'
