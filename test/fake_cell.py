@@ -50,6 +50,7 @@ class FakeCell:
         self.heads = []
         self.meanwhile = {}  # what is called when a service is
         self.stuck = set()  # services that never answer
+        self.velocities = []
         self.always_on = None  # a laser that nobody can turn off
         self.behind = 0  # profiles that the recorder has not flushed
         self.calibrated = True
@@ -150,6 +151,7 @@ class FakeCell:
 
     def _joints(self):
         joints = JointState(name=['other', 'turntable_joint'], position=[9.0, self.position])
+        joints.velocity = self.velocities
         joints.header = self._header()
         self.joints.publish(joints)
 

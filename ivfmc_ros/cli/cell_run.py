@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field
 from pathlib import Path
+import re
 import sys
 from typing import Any
 
@@ -37,6 +38,8 @@ NODES = (
 OF_HARDWARE = ('turntable', 'camera', 'orchestrator')
 NAMESPACE = '/ivfmc'
 SIMULATION = 'live_cell'
+
+_NAMESPACE = re.compile(r'/|(/[A-Za-z_][A-Za-z0-9_]*)+')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,16 +76,35 @@ class CellRun:
         return self.folder / 'simulation'
 
 
+def make_folder(folder: Path) -> None:
+    """:raises FileError: it cannot be made."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(f'{folder}: cannot be made: {error.strerror or error}') from error
+
+
+def namespace_of(text: str) -> str:
+    """
+    Return the namespace of a cell that a user names, such as /ivfmc.
+
+    :raises ParameterError: it cannot be one
+    """
+    name = '/' + text.strip('/')
+    if not _NAMESPACE.fullmatch(name):
+        raise ParameterError(
+            f'--namespace {text!r}: must be of letters, digits and _, its parts parted by /'
+        )
+    return name
+
+
 def write_bench(folder: Path) -> tuple[Path, Path]:
     """
     Write the calibration of the simulated bench cell and return cell.yaml and camera.yaml.
 
     :raises FileError: it cannot be written
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(f'{folder}: cannot be made: {error.strerror or error}') from error
+    make_folder(folder)
     cell = with_thickness(bench_cell(), Optics())
     save_cell(folder / 'cell.yaml', cell)
     save_camera(folder / 'camera.yaml', cell.camera)

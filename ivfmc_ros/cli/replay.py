@@ -19,6 +19,7 @@ from ivfmc_ros.cli.bag_player import OWN_VIEWS
 from ivfmc_ros.cli.bag_player import target_of
 from ivfmc_ros.cli.bag_player import Track
 from ivfmc_ros.cli.cell_run import NAMESPACE
+from ivfmc_ros.cli.cell_run import namespace_of
 from ivfmc_ros.cli.client import cell_client
 from ivfmc_ros.cli.client import CellClient
 from ivfmc_ros.cli.progress import progress_bars
@@ -83,7 +84,7 @@ def replay(bag: Path, namespace: str, **options: Any) -> None:
     profile = None if options['motion'] else roles.profile
     recorded = recorded_profiles(opened, profile.name) if profile else {}
     dark = bool(load_parameters(bag if bag.is_dir() else bag.parent).get('dark_frames'))
-    with cell_client('/' + namespace.strip('/')) as client:
+    with cell_client(namespace_of(namespace)) as client:
         player = BagPlayer(client, opened, tracks, options['clock'], recorded, every=dark)
         player.await_listeners(options['wait'])
         with _clock_of(client, options['clock']):

@@ -12,11 +12,14 @@ from rich.progress import Progress as Bars
 from rich.progress import TextColumn
 
 from ivfmc_ros.cli.cell_run import NAMESPACE
+from ivfmc_ros.cli.cell_run import namespace_of
 from ivfmc_ros.cli.client import cell_client
 from ivfmc_ros.cli.client import CellClient
 from ivfmc_ros.cli.client import error_of
 from ivfmc_ros.cli.client import result_of
 from ivfmc_ros.cli.up import interrupted
+from ivfmc_ros.errors import HelperError
+from ivfmc_ros.errors import StateError
 from ivfmc_ros.meshing.export import FORMATS
 from ivfmc_ros.scan.request import MOTIONS
 
@@ -42,7 +45,7 @@ _SILENCE_S = 20.0
 def scan(namespace: str, **options: Any) -> None:
     """Scan a part in the cell that is up; what is not given stays as the orchestrator has it."""
     wanted = wanted_of(options)
-    with cell_client('/' + namespace.strip('/')) as client:
+    with cell_client(namespace_of(namespace)) as client:
         result = run_scan(client, wanted)
     say(result)
 
@@ -76,10 +79,19 @@ def run_scan(
             show(client.status)
             if ending.is_set() and not cancelled:
                 cancelled = True
-                client.trigger('cancel')
+                _cancel(client)
     if result['code'] != 'OK':
         raise error_of(result)
     return result
+
+
+def _cancel(client: CellClient) -> None:
+    try:
+        client.trigger('cancel')
+    except HelperError as error:
+        # it may just have ended, and its result is on the way
+        if error.code != StateError.code:
+            raise
 
 
 def _changed(client: CellClient) -> Callable[[], bool]:

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 import contextlib
 from contextlib import contextmanager
 from pathlib import Path
-import re
 import signal
 import threading
 from typing import Any
@@ -15,7 +14,9 @@ from typing import TextIO
 import click
 
 from ivfmc_ros.cli.cell_run import CellRun
+from ivfmc_ros.cli.cell_run import make_folder
 from ivfmc_ros.cli.cell_run import NAMESPACE
+from ivfmc_ros.cli.cell_run import namespace_of
 from ivfmc_ros.cli.cell_run import NODES
 from ivfmc_ros.cli.cell_run import OF_HARDWARE
 from ivfmc_ros.cli.cell_run import parse_overrides
@@ -33,7 +34,6 @@ from ivfmc_ros.nodes.environment import config_file
 _PATH = click.Path(path_type=Path)
 _WIDTH = max(len(name) for name in NODES)
 _POLL_S = 0.1
-_NAMESPACE = re.compile(r'/|(/[A-Za-z_][A-Za-z0-9_]*)+')
 
 
 @click.command()
@@ -98,14 +98,14 @@ def run_of(options: dict[str, Any]) -> CellRun:
     for path in (cell, camera):
         if path is not None and not path.is_file():
             raise FileError(f'{path}: there is no such file')
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     return CellRun(
         folder=folder,
         scans=options['scans'] or folder / 'scans',
         config=options['config'] or config_file('bench/orchestrator.yaml').parent,
         cell=cell,
         camera=camera,
-        namespace=_namespace(options['namespace']),
+        namespace=namespace_of(options['namespace']),
         simulate=simulate,
         nodes=[name for name in NODES if not (replay and name in OF_HARDWARE)],
         part=options['part'],
@@ -113,15 +113,6 @@ def run_of(options: dict[str, Any]) -> CellRun:
         seed=options['seed'],
         overrides=parse_overrides(options['overrides']),
     )
-
-
-def _namespace(text: str) -> str:
-    name = '/' + text.strip('/')
-    if not _NAMESPACE.fullmatch(name):
-        raise ParameterError(
-            f'--namespace {text!r}: must be of letters, digits and _, its parts parted by /'
-        )
-    return name
 
 
 @contextmanager

@@ -24,6 +24,7 @@ from ivfmc_ros.nodes.stamps import nanoseconds
 from ivfmc_ros.scan.watch import Watch
 from ivfmc_ros.storage.profile_head import ProfileHead
 from ivfmc_ros.storage.profile_head import read_head
+from ivfmc_ros.storage.reports import joint_of
 
 # The driver turns the lasers off after half a second without one.
 HOLD_S = 0.1
@@ -189,18 +190,13 @@ class CellLink:
         self.watch.hear(name)
 
     def _hear_joints(self, message: JointState) -> None:
-        if self.joint not in message.name:
-            return
-        index = list(message.name).index(self.joint)
-        if index >= len(message.position) or not math.isfinite(message.position[index]):
+        stated = joint_of(message, self.joint)
+        if stated is None:
             return
         stamp_ns = nanoseconds(message.header.stamp)
-        position = float(message.position[index])
-        velocity = (
-            float(message.velocity[index])
-            if index < len(message.velocity)
-            else self._difference(stamp_ns, position)
-        )
+        position, velocity = stated
+        if velocity is None:
+            velocity = self._difference(stamp_ns, position)
         self.watch.hear(JOINTS)
         self.reports.append(Report(stamp_ns=stamp_ns, position=position, velocity=velocity))
 

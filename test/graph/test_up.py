@@ -4,6 +4,7 @@
 
 import signal
 
+from cell_rig import Cell
 from cell_rig import gone
 import pytest
 
@@ -53,3 +54,10 @@ def test_cell_that_cannot_be_is_refused(start, arguments, said):
     assert cell.up.wait(60.0) == 1
     assert said in cell.up.stderr.read()
     assert gone(cell)
+
+
+def test_folder_that_cannot_be_made_is_named(tmp_path):
+    (tmp_path / 'taken').write_text('')
+    cell = Cell(tmp_path / 'taken', '--cell', __file__)
+    assert cell.up.wait(60.0) == 1
+    assert cell.up.stderr.read().endswith('taken: cannot be made: File exists\n')

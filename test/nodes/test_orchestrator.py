@@ -109,6 +109,8 @@ def test_step_scan_with_a_foreign_table(client, fake, orchestrator, root):
 
 
 def test_continuous_scan_is_one_sweep_a_laser(client, fake, orchestrator):
+    # as a controller that knows positions only
+    fake.velocities = [math.nan, math.nan]
     client.set('orchestrator', motion='continuous', profiles=12, profile_rate=30.0)
     success, answer = client.trigger('scan', 60.0)
     assert success, answer

@@ -1,0 +1,44 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+import signal
+
+import pytest
+
+from ivfmc_ros.cli.cell_run import namespace_of
+from ivfmc_ros.cli.scan import run_scan
+from ivfmc_ros.errors import HelperError
+from ivfmc_ros.errors import ParameterError
+
+
+@pytest.mark.parametrize(('text', 'name'), [('cell', '/cell'), ('/a/b/', '/a/b'), ('', '/')])
+def test_namespaces_are_completed(text, name):
+    assert namespace_of(text) == name
+
+
+@pytest.mark.parametrize('text', ['my cell', 'zelle-1', '1a', 'a//b', 'é'])
+def test_namespace_that_cannot_be_one_is_refused(text):
+    with pytest.raises(ParameterError, match='--namespace'):
+        namespace_of(text)
+
+
+class EndingClient:
+    """Of a cell whose scan ends in the moment in which it is cancelled."""
+
+    def __init__(self, code):
+        self.code = code
+        self.status = {}
+
+    def trigger(self, name):
+        if name == 'start_scan':
+            return {'scan_id': 's1'}
+        self.status = {'scan_id': 's1', 'result': '{"code": "OK", "said": 1}'}
+        raise HelperError(self.code, 'no scan is running')
+
+    def until(self, condition, seconds, what):
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_scan_that_ended_before_it_was_cancelled_has_its_result():
+    assert run_scan(EndingClient('WRONG_STATE'), {})['said'] == 1
+    with pytest.raises(HelperError):
+        run_scan(EndingClient('INTERNAL'), {})
