@@ -152,12 +152,16 @@ def _own(run: CellRun, node: str) -> dict[str, Any]:
         'mesher': {'cell': cell},
         'orchestrator': {'cell': cell, 'scan_root': str(run.scans.absolute())},
     }
+    table = load_draft(run.cell).turntable
+    if table is not None:
+        found['orchestrator']['joint'] = table.joint
+        found['turntable'] = {'joint': table.joint}
     if run.camera is not None:
         found['camera'] = {'camera_info': str(run.camera.absolute())}
     if run.simulate:
         place = str(run.simulation.absolute())
         found.setdefault('camera', {}).update({'backend': 'simulated', 'simulation': place})
-        found['turntable'] = {'port': f'{place}/board'}
+        found.setdefault('turntable', {})['port'] = f'{place}/board'
     return found.get(node, {})
 
 

@@ -119,6 +119,11 @@ class Orchestrator(CellNode):
         if not self.get('cell'):
             raise CellError('orchestrator: cell: must be the path of cell.yaml')
         draft = load_draft(cell)
+        if draft.turntable is not None and draft.turntable.joint != self._link.joint:
+            raise CellError(
+                f'{cell}: turntable.joint: is {draft.turntable.joint}, the parameter joint of the '
+                f'orchestrator {self._link.joint}; start it with the name in joint_states'
+            )
         names = [laser.name for laser in draft.lasers]
         plan = make_plan(request, names, motion, self._link.position or 0.0)
         folder = record.new_folder(Path(self.get('scan_root')).absolute(), request.part)

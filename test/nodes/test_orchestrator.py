@@ -304,6 +304,16 @@ def test_recorder_that_cannot_write_ends_the_scan_by_its_reason(client, fake, or
     assert full in answer['detail']
 
 
+def test_table_of_another_name_than_the_cells_is_refused(client, orchestrator, cell_file, root):
+    other = root.parent / 'other.yaml'
+    other.write_text(cell_file.read_text().replace('turntable_joint', 'axis'))
+    client.set('orchestrator', cell=str(other))
+    success, answer = client.trigger('start_scan')
+    client.set('orchestrator', cell=str(cell_file))
+    assert (success, answer['code']) == (False, 'BAD_CELL')
+    assert 'turntable.joint: is axis' in answer['detail']
+
+
 def test_camera_that_is_not_calibrated_is_a_bad_cell(client, fake, orchestrator):
     fake.calibrated = False
     success, answer = client.trigger('scan')
