@@ -66,6 +66,7 @@ class Registrar(CellNode):
         self._source = CellSource(self)
         self._profiles: dict[int, Profile] = {}
         self._stamp_ns = 0
+        self._round = 0
         self._arrivals = Arrivals()
         self._busy = False
         self._worker = Worker()
@@ -111,7 +112,9 @@ class Registrar(CellNode):
                 views, _, _ = await self.in_thread(pipeline.views_of, cell, profiles, settings)
                 await self.in_thread(arrivals.place, views)
                 if arrivals is self._arrivals and not self._busy:
-                    self._poses.publish(poses.from_placed(arrivals.poses, self._stamp_ns))
+                    # not the stamp of what is final: a mesher would take the views for these
+                    first_look = poses.from_placed(arrivals.poses, self._stamp_ns - 1)
+                    self._poses.publish(first_look)
             self.health.clear('placing')
         except Exception as error:  # it is a first look; registering tells all
             self.trouble('placing', error)
@@ -120,7 +123,7 @@ class Registrar(CellNode):
 
     def _reset(self) -> Mapping[str, Any]:
         dropped = len(self._profiles)
-        self._profiles = {}
+        self._profiles, self._round = {}, 0
         self._arrivals = Arrivals()
         self._source.reload()
         return {'dropped_profiles': dropped}
@@ -172,7 +175,9 @@ class Registrar(CellNode):
         self._arrivals = Arrivals()
         profiles = [self._profiles[seq] for seq in sorted(self._profiles)]
         made = await self._work(jobs.register, self._source.cell(), profiles, self._settings())
-        self._publish(made.views, made.poses, self._stamp_ns)
+        self._publish(made.views, made.poses, self._stamp_ns + self._round)
+        # registered again, perhaps otherwise, it must not be taken for what was before
+        self._round += 1
         return {
             'scan_id': self.get('scan_id'),
             'missing_profiles': _missing(self._profiles),

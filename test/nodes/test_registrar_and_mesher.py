@@ -70,6 +70,12 @@ def test_live_views_are_those_of_the_pipeline_and_become_a_mesh(
         again, refused = client.trigger('mesher/build')
         assert not again
         assert refused['code'] == 'BAD_FILE'
+        placed_once = len(placed)
+        assert client.trigger('registrar/register')[0]
+        client.until(lambda: len(placed) > placed_once and len(found) == 4)
+        # a mesher must not take the views of before for these
+        assert found[3].header.stamp == placed.pop().header.stamp != found[1].header.stamp
+        del found[2:]
     expected, _, counts = pipeline.views_of(cell, profiles, pipeline.Settings())
     assert registered['counts']['kept_points'] == counts['kept_points']
     assert registered['missing_profiles'] == 0
@@ -80,6 +86,8 @@ def test_live_views_are_those_of_the_pipeline_and_become_a_mesh(
         np.testing.assert_array_equal(live.seqs, view.seqs)
     # the first view was placed as soon as the second one ran
     assert len(placed[0].poses) == 1
+    # and cannot be taken for what is final
+    assert placed[0].header.stamp != found[0].header.stamp == placed[-1].header.stamp
     assert len(placed[-1].poses) == len(expected)
     assert (tmp_path / 'mesh.stl').stat().st_size == 84 + 50 * built['counts']['faces']
     assert len(markers[0].points) == 3 * built['counts']['shown_faces'] <= 1500
