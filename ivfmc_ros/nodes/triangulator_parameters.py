@@ -58,8 +58,8 @@ def _declare_choice(node: ParameterNode) -> None:
     node.parameter(
         'view',
         [],
-        'View number of each laser in the order of cell.yaml, -1 where it is not measured now; '
-        'empty: its own index.',
+        'View number of each laser in the order of cell.yaml, -1 where it is not measured now, as '
+        'the orchestrator leaves it after a scan; empty: its own index.',
         kind=int,
     )
     node.parameter(
