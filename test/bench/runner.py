@@ -70,7 +70,11 @@ def measure(name: str, file: Path) -> list[Number]:
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
-    numbers = list(module.run())
+    numbers = []
+    for number in module.run():
+        numbers.append(number)
+        # a group takes minutes: tell what is known so far
+        print(f'{name}: {number}', file=sys.stderr, flush=True)
     strangers = [number for number in numbers if not isinstance(number, Number)]
     if strangers or not numbers:
         raise TypeError(f'{file}: run() has to give Number objects, gave {strangers or "none"}')
