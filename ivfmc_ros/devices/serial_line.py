@@ -75,19 +75,21 @@ class SerialLine:
         try:
             with self._writing:
                 port.write(data)
-        except OSError as error:
+        # pyserial lets a TypeError out when the port is closed under it
+        except (OSError, TypeError) as error:
             raise BoardLostError(f'port {self._name}: cannot be written: {error}') from error
 
     def _read(self) -> None:
-        port = self._port
+        # pyserial lets other errors out, too; and a board that nobody hears any more is lost
+        try:
+            self._listen(self._port)
+        except Exception as error:
+            self._on_lost(f'port {self._name}: {error}')
+
+    def _listen(self, port: serial.Serial | None) -> None:
         rest, began = b'', 0.0
         while port is not None and not self._closing.is_set():
-            try:
-                data = port.read(max(1, port.in_waiting))
-            # pyserial lets a TypeError out when the port is closed under it
-            except (OSError, TypeError) as error:
-                self._on_lost(f'port {self._name}: {error}')
-                return
+            data = port.read(max(1, port.in_waiting))
             now = time.monotonic()
             began = began if rest else now
             *lines, rest = (rest + data).split(b'\n')

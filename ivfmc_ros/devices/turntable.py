@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A motion board and the rules for its lasers, in threads that no callback can hold up."""
 
+from collections.abc import Callable
 import contextlib
 import math
 import threading
@@ -53,7 +54,9 @@ class TurntableDriver:
         """Connect, in the background, and again until it succeeds."""
         self._closing.clear()
         for function in (self._guard, self._switch, self._move):
-            thread = threading.Thread(target=function, name=function.__name__, daemon=True)
+            thread = threading.Thread(
+                target=self._keep, args=(function,), name=function.__name__, daemon=True
+            )
             thread.start()
             self._threads.append(thread)
 
@@ -165,6 +168,15 @@ class TurntableDriver:
         self._board.set_laser(laser)
 
     # -- threads
+
+    def _keep(self, work: Callable[[], None]) -> None:
+        """Let a thread go on whatever it raises: a guard that ended would cut no beam."""
+        while not self._closing.is_set():
+            try:
+                work()
+            except Exception as error:
+                self.trouble = f'{type(error).__name__}: {error}'
+                self._closing.wait(_LOOK)
 
     def _guard(self) -> None:
         retry_at = 0.0

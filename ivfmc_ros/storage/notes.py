@@ -8,7 +8,6 @@ import queue
 import threading
 
 from ivfmc_ros.errors import CatalogueBusyError
-from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.storage.catalogue import Catalogue
 
 # Seconds from one attempt to the next while somebody else holds the catalogue.
@@ -65,7 +64,7 @@ class Notes:
                 # somebody else may only be looking into the file: it is tried again
                 self._late = str(error)
                 return
-            except CatalogueError as error:
+            except Exception as error:  # the next note shall be written all the same
                 self._refused = str(error)
             self._left.popleft()
         self._late = ''

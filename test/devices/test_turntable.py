@@ -68,3 +68,38 @@ def test_beam_that_is_held_shines_through_a_move(driver):
 def test_numbers_that_are_none_are_no_command(driver):
     with pytest.raises(ParameterError, match='must be finite'):
         driver.command(float('nan'), 0.0)
+
+
+def once(function):
+    """A function that raises what nobody thinks of, and then does what it did."""
+    raised = []
+
+    def raising(*arguments):
+        if not raised:
+            raised.append(True)
+            raise KeyError('unthought of')
+        return function(*arguments)
+
+    return raising
+
+
+@pytest.mark.parametrize(('part', 'name'), [('_board', 'move_to'), ('_beam', 'decide')])
+def test_threads_go_on_after_what_nobody_thought_of(driver, monkeypatch, part, name):
+    owner = getattr(driver, part)
+    monkeypatch.setattr(owner, name, once(getattr(owner, name)))
+    driver.command(0.1, 0.0)
+    until(lambda: 'KeyError' in driver.trouble)
+    driver.command(0.2, 0.0)
+    until(lambda: abs(driver.state().position - 0.2) < 1e-3)
+    shine(driver, 'left')
+    # the guard lives: nobody vouches for the beam any more
+    driver.command(20.0, 30.0)
+    until(lambda: not any(driver.state().lasers.values()))
+
+
+def test_board_whose_reader_fails_is_lost(driver, monkeypatch):
+    monkeypatch.setattr(driver._board._monitor, 'hear', once(driver._board._monitor.hear))
+    until(lambda: driver.state().alarm == 'BOARD_LOST')
+    driver.clear_alarm()
+    driver.command(0.1, 0.0)
+    until(lambda: abs(driver.state().position - 0.1) < 1e-3)
