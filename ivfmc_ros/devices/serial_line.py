@@ -4,6 +4,7 @@
 
 from collections.abc import Callable
 import contextlib
+import errno
 import threading
 import time
 
@@ -50,7 +51,9 @@ class SerialLine:
                 name, baud, timeout=_READ_WAIT, write_timeout=_WRITE_WAIT, exclusive=True
             )
         except (OSError, ValueError) as error:
-            raise BoardLostError(f'port {name}: cannot be opened: {error}') from error
+            denied = getattr(error, 'errno', None) == errno.EACCES
+            hint = '; is the user in the group that owns it (dialout)?' if denied else ''
+            raise BoardLostError(f'port {name}: cannot be opened: {error}{hint}') from error
         self._name, self._port = name, port
         self._closing.clear()
         self._thread = threading.Thread(target=self._read, name='board', daemon=True)

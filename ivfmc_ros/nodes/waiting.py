@@ -151,7 +151,11 @@ class Helpers:
         try:
             await self.waiting.until(client.service_is_ready, 5.0, f'service {path}', guard)
             future = client.call_async(request)
-            await self.waiting.until(future.done, seconds, f'an answer of {path}', guard)
+            try:
+                await self.waiting.until(future.done, seconds, f'an answer of {path}', guard)
+            finally:
+                # an answer that nobody waits for any more is not kept for ever
+                client.remove_pending_request(future)
         except TimeoutExceededError as error:
             raise HelperError(f'{who.upper()}_LOST', str(error)) from error
         return future.result()
