@@ -245,10 +245,12 @@ class Triangulator(CellNode):
         return images.from_image(message, self._pictures.topic)
 
     def _publish(self, measured: Measured) -> None:
-        for frame, profile in measured:
+        for _, profile in measured:
             self._profiles.publish(clouds.from_profile(profile))
             self._counts['profiles'] += 1
             self._counts['empty profiles'] += not len(profile)
+        # what goes wrong with a picture to look at must cost no profile
+        for frame, profile in measured:
             self._picture.show(frame, profile)
 
     def before_diagnosis(self) -> None:

@@ -32,6 +32,8 @@ _DWELL = 0.5
 
 # Reported positions are never further apart: half a turn and more could be taken for a wrap.
 _MAX_JUMP = math.pi / 4
+# Numbers that are farther apart, on the average, are times or names.
+_SPARSE = 1000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +50,7 @@ def steps_by_number(pictures: Sequence[Path], step: float) -> tuple[list[Step], 
 
     step : radians from one number to the next, negative for clockwise
     returns : the steps in the order of their numbers, and the numbers that are missing between
-    :raises FileError: a name holds no number, or two hold the same
+    :raises FileError: a name holds no number, two hold the same, or they are no steps
     """
     numbered: dict[int, Path] = {}
     for path in pictures:
@@ -59,6 +61,11 @@ def steps_by_number(pictures: Sequence[Path], step: float) -> tuple[list[Step], 
             )
         numbered[number] = path
     first, last = min(numbered), max(numbered)
+    if last - first > _SPARSE * len(numbered):
+        raise FileError(
+            f'{pictures[0].parent}: the names of {len(numbered)} pictures hold numbers from '
+            f'{first} to {last}, which are no steps; number them, or say by angles what each is'
+        )
     ordered = sorted(numbered)
     # 0.0 added: clockwise begins at 0, not at -0
     steps = [

@@ -127,3 +127,9 @@ def test_picture_of_another_size_is_named_and_nothing_is_left(folder, camera, tm
 def test_rate_that_is_none_is_refused(folder, camera, tmp_path, rate):
     with pytest.raises(ParameterError, match='rate: must be a positive number'):
         import_steps(_steps(folder, [0, 1, 2]), camera, tmp_path / 'bag', rate=rate)
+
+
+def test_names_that_hold_times_are_no_steps():
+    names = [f'{1_790_000_000_000_000_000 + 66_000_000 * index}.png' for index in range(5)]
+    with pytest.raises(FileError, match=r'names of 5 pictures hold numbers .* which are no steps'):
+        steps_by_number([Path('scan') / name for name in names], 0.1)
