@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 import numpy as np
 from rich.console import Console
+from rich.text import Text
 
 from ivfmc_ros.angles import save_angles
 from ivfmc_ros.calibration.angles import Angles
@@ -198,17 +199,20 @@ def _rows(made: TurntableCalibration) -> list[tuple[str, str]]:
 
 def _say_angles(measured: Angles, adjusted: Adjusted, output: Path) -> None:
     steps = np.degrees(measured.steps)
-    console = Console()
-    lines = [
+    console = Console(markup=False)
+    lines: list[str | Text] = [
         f'{len(measured.by_name)} pictures, {len(measured.filled)} of them interpolated; '
         f'1 sigma {np.degrees(measured.std):.3f} degrees, corners {adjusted.sigma:.3f} px',
-        f'steps: median {np.median(steps):.4f}, least {steps.min():.4f}, '
-        f'greatest {steps.max():.4f} degrees',
     ]
+    if len(steps):
+        lines.append(
+            f'steps: median {np.median(steps):.4f}, least {steps.min():.4f}, '
+            f'greatest {steps.max():.4f} degrees'
+        )
     if measured.filled:
         lines.append(f'interpolated: {_listed(measured.filled)}')
     if measured.missing:
-        lines.append(f'[yellow]warning:[/] without an angle: {_listed(measured.missing)}')
+        lines.append(options.warned(f'without an angle: {_listed(measured.missing)}'))
     lines.append(f'written: {output}')
     for line in lines:
         console.print(line, soft_wrap=True, highlight=False)

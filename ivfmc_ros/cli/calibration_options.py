@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from ivfmc_ros.calibration.boards import Board
 from ivfmc_ros.calibration.boards import parse_board
@@ -116,7 +117,8 @@ def say(
     dropped: Mapping[str, str],
 ) -> None:
     """Print a table of results, what to mind, and where the files are."""
-    console = Console()
+    # names of files may look like markup
+    console = Console(markup=False)
     table = Table(title=title, show_header=False, title_justify='left')
     for name, value in rows:
         table.add_row(name, value)
@@ -126,8 +128,13 @@ def say(
         text = f'not used, {reason}: {", ".join(names[:_LISTED])}{more}'
         console.print(text, soft_wrap=True, highlight=False)
     for warning in warnings:
-        console.print(f'[yellow]warning:[/] {warning}', soft_wrap=True, highlight=False)
+        console.print(warned(warning), soft_wrap=True, highlight=False)
     console.print(f'written: {", ".join(map(str, files))}', soft_wrap=True, highlight=False)
+
+
+def warned(text: str) -> Text:
+    """Return a line that warns."""
+    return Text.assemble(('warning:', 'yellow'), f' {text}')
 
 
 def files_of(path: Path, part: str = '') -> tuple[Path, Path, Path]:
