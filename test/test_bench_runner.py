@@ -6,6 +6,7 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bench import at_least
@@ -47,6 +48,11 @@ def run(groups: Path, *names: str) -> tuple[int, Path]:
 )
 def test_ok_follows_from_value_and_bar(bar, value, ok):
     assert Number('x', value, 'mm', bar).ok is ok
+
+
+def test_figure_of_numpy_is_written_as_any_other():
+    entry = Number('a', np.median(np.array([0.5])), 'mm', at_most(np.float64(1.0))).as_dict()
+    assert json.loads(json.dumps(entry))['ok'] is True
 
 
 @pytest.mark.parametrize('bar', [at_most(1.0), at_least(-1.0)])

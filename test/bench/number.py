@@ -17,7 +17,8 @@ class Bar:
         """Whether ``value`` is on the right side; NaN and infinities never are."""
         if not math.isfinite(value):
             return False
-        return value <= self.limit if self.sign == '<=' else value >= self.limit
+        # values come from numpy too, whose truth is no bool to JSON
+        return bool(value <= self.limit if self.sign == '<=' else value >= self.limit)
 
     def __str__(self) -> str:
         return f'{self.sign} {self.limit:.10g}'
