@@ -109,7 +109,7 @@ def refined(case: tuple[str, int]) -> tuple[float, list[Pull]]:
     left = share_left(scan.rms(views), scan.rms(found.views, found.poses), scan.perfect)
     truth = scan.truth(believed, errors, found.height)
     pulls = [
-        Pull(one.name, abs(one.value - truth.get(one.name, 0.0)) / one.sigma)
+        Pull(one.name, float(abs(one.value - truth.get(one.name, 0.0)) / one.sigma))
         for one in found.estimates
         if one.observed
     ]
