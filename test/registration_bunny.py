@@ -23,7 +23,7 @@ from ivfmc_ros.registration.table import joint_poses
 
 ROWS, COLUMNS = 400, 512
 REACH = 0.012  # metres, of starts that are up to 5 mm and 5 degrees off
-MOST = 12_000  # samples of each scan
+MOST = 7_000  # samples of each scan
 _FOUND = 0.0015  # metres; pairs for the judgement of both, at the same places
 PRIOR = TablePrior(angle=np.radians(4), tilt=np.radians(4), offset=5e-3, height=5e-3)
 
