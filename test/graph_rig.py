@@ -15,6 +15,7 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import SetParametersAtomically
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -99,6 +100,7 @@ class Client:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self._diagnostics: dict[str, Any] = {}
+        self.status: list[Any] = []
         self.node.create_subscription(
             DiagnosticArray, '/diagnostics', self._diagnose, qos.reliable(50)
         )
@@ -169,3 +171,14 @@ class Client:
 
     def _diagnose(self, message: DiagnosticArray) -> None:
         self._diagnostics.update({status.name: status for status in message.status})
+
+
+@contextmanager
+def following_client() -> Iterator[Client]:
+    """A client that keeps what ``scan_status`` said."""
+    client = Client()
+    client.status = client.collect(DiagnosticStatus, 'scan_status')
+    try:
+        yield client
+    finally:
+        client.close()

@@ -9,16 +9,8 @@ import click
 from rich.console import Console
 from rich.table import Table
 
+from ivfmc_ros.cli.source import scans_option
 from ivfmc_ros.storage.catalogue import Catalogue
-
-ROOT = click.option(
-    '--scans',
-    'root',
-    type=click.Path(path_type=Path),
-    default=Path('ivfmc_run') / 'scans',
-    show_default=True,
-    help='Folder of the scans.',
-)
 
 
 @click.group()
@@ -27,7 +19,7 @@ def scans() -> None:
 
 
 @scans.command('list')
-@ROOT
+@scans_option
 @click.option('--part', help='Only scans of this part.')
 def list_scans(root: Path, part: str | None) -> None:
     """List the scans, the oldest first."""
@@ -54,7 +46,7 @@ def list_scans(root: Path, part: str | None) -> None:
 
 @scans.command()
 @click.argument('scan_id')
-@ROOT
+@scans_option
 def show(scan_id: str, root: Path) -> None:
     """Show one scan: parameters, views, results, files."""
     catalogue = Catalogue(root)

@@ -20,6 +20,14 @@ from ivfmc_ros.storage.scan_bag import ScanBag
 
 Command = TypeVar('Command', bound=Callable[..., Any])
 
+scans_option = click.option(
+    '--scans',
+    'root',
+    type=click.Path(path_type=Path),
+    default=Path('ivfmc_run') / 'scans',
+    show_default=True,
+    help='Folder of the scans, where a scan id is looked for.',
+)
 _OPTIONS = (
     click.option(
         '--cell',
@@ -34,14 +42,7 @@ _OPTIONS = (
         required=True,
         help='Folder to make; must not exist yet.',
     ),
-    click.option(
-        '--scans',
-        'root',
-        type=click.Path(path_type=Path),
-        default=Path('ivfmc_run') / 'scans',
-        show_default=True,
-        help='Folder of the scans, where a scan id is looked for.',
-    ),
+    scans_option,
 )
 
 

@@ -6,17 +6,14 @@ import os
 import signal
 
 from cell_rig import Cell
-from diagnostic_msgs.msg import DiagnosticStatus
-from graph_rig import Client
+from graph_rig import following_client
 import pytest
 
 
 @pytest.fixture(scope='module')
 def client():
-    client = Client()
-    client.status = client.collect(DiagnosticStatus, 'scan_status')
-    yield client
-    client.close()
+    with following_client() as client:
+        yield client
 
 
 @pytest.fixture(scope='module')

@@ -6,9 +6,8 @@ import json
 import math
 import sqlite3
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from fake_cell import FakeCell
-from graph_rig import Client
+from graph_rig import following_client
 from graph_rig import running
 import pytest
 from std_msgs.msg import UInt64
@@ -35,10 +34,8 @@ PARAMETERS = {
 
 @pytest.fixture(scope='module')
 def client():
-    client = Client()
-    client.status = client.collect(DiagnosticStatus, 'scan_status')
-    yield client
-    client.close()
+    with following_client() as client:
+        yield client
 
 
 @pytest.fixture
