@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 import json
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ivfmc_ros import files
+from ivfmc_ros.inspection import tables
 from ivfmc_ros.inspection import viewer
 from ivfmc_ros.meshing.thin import clustered
 from ivfmc_ros.model import Floats
@@ -42,7 +42,7 @@ class Page:
 
     vertices_xyz : (n, 3) metres; faces : (m, 3); values : (n,) metres, NaN where there is none
     span : metres, where the colours end; they begin at -span, or at 0 if not ``signed``
-    figures : numbers by name; lists of mappings become tables
+    figures : numbers by name, in SI units, as ``tables`` shows them
     """
 
     title: str
@@ -81,7 +81,7 @@ def write_html(path: Path, page: Page) -> None:
         '<label><input type="checkbox" id="plain"> plain</label></p>',
         f'<h2>Distribution of {quantity}</h2>',
         _histogram(finite * 1e3, page.low * 1e3, page.span * 1e3),
-        *(_section(name, value) for name, value in page.figures.items()),
+        tables.tables(page.figures),
         _gallery(page.pictures),
         f'<script type="application/json" id="mesh">{_mesh(page)}</script>',
         f'<script>{viewer.PROGRAM}</script></body></html>',
@@ -113,7 +113,7 @@ def _encoded(data: bytes) -> str:
 
 def _verdict(figures: Mapping[str, Any]) -> str:
     verdict = figures.get('verdict')
-    return '' if verdict is None else f'<p>Verdict: {_cell("verdict", verdict)}</p>'
+    return '' if verdict is None else f'<p>Verdict: {tables.verdict(str(verdict))}</p>'
 
 
 def _histogram(values: Floats, low: float, high: float) -> str:
@@ -135,53 +135,6 @@ def _histogram(values: Floats, low: float, high: float) -> str:
         f'<svg viewBox="0 0 {width:.0f} {height + 22:.0f}" width="{width:.0f}" '
         f'fill="#3b6ea5" font-size="13">{bars}<g fill="#1c2530">{labels}</g></svg>'
     )
-
-
-def _section(name: str, value: Any) -> str:
-    heading = f'<h2>{escape(name.replace("_", " "))}</h2>'
-    if isinstance(value, Mapping):
-        return heading + _pairs(value) if value else ''
-    if isinstance(value, list | tuple) and value and isinstance(value[0], Mapping):
-        return heading + _table(value)
-    return _pairs({name: value})
-
-
-def _pairs(values: Mapping[str, Any]) -> str:
-    rows = ''.join(
-        f'<tr><td>{escape(_label(key))}</td><td>{_cell(key, item)}</td></tr>'
-        for key, item in values.items()
-    )
-    return f'<table>{rows}</table>'
-
-
-def _table(rows: Sequence[Mapping[str, Any]]) -> str:
-    keys = list(rows[0])
-    head = ''.join(f'<th>{escape(_label(key))}</th>' for key in keys)
-    body = ''.join(
-        '<tr>' + ''.join(f'<td>{_cell(key, row.get(key))}</td>' for key in keys) + '</tr>'
-        for row in rows
-    )
-    return f'<table><tr>{head}</tr>{body}</table>'
-
-
-def _label(key: str) -> str:
-    """Name a figure as it is shown: metres are shown in millimetres."""
-    return key[:-2].replace('_', ' ') + ', mm' if key.endswith('_m') else key.replace('_', ' ')
-
-
-def _cell(key: str, value: Any) -> str:
-    if isinstance(value, Mapping):
-        return _pairs(value)
-    if isinstance(value, list | tuple) and value and isinstance(value[0], Mapping):
-        return _table(value)
-    if isinstance(value, float):
-        if not math.isfinite(value):
-            return ''
-        return f'{value * 1e3:.4f}' if key.endswith('_m') else f'{value:.6g}'
-    text = escape(json.dumps(value) if isinstance(value, list | tuple) else str(value))
-    if key == 'verdict':
-        return f'<span class="{text.split(maxsplit=1)[0]}">{text}</span>'
-    return text
 
 
 def _gallery(pictures: Sequence[Picture]) -> str:

@@ -6,6 +6,7 @@ STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; margin: 0 auto; max-width: 1180px; padding: 0 16px;
   color: #1c2530; background: #fff }
 h1 { font-size: 22px; margin: 18px 0 4px } h2 { font-size: 17px; margin: 26px 0 8px }
+h3 { font-size: 15px; margin: 14px 0 4px } .wide { overflow-x: auto; margin-bottom: 10px }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums }
 td, th { padding: 2px 10px; text-align: right; border-bottom: 1px solid #dde3ea }
 td:first-child, th:first-child { text-align: left }

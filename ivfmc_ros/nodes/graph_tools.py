@@ -93,6 +93,7 @@ class GraphTools:
         self._recording = False
         self._stood_ns = 0
         self.bag: Mapping[str, Any] = {}
+        self.picture_error = ''
 
     async def prepare(self) -> None:
         """Tell everybody which scan it is, and begin to record."""
@@ -278,7 +279,8 @@ class GraphTools:
     async def finish(self, outcome: Outcome) -> None:
         """Close the bag and write what belongs to the scan."""
         self.bag = await self._stop_recording()
-        await self.in_thread(finish_scan, self.context.folder, outcome, self.bag)
+        folder, bag = self.context.folder, self.bag
+        self.picture_error = await self.in_thread(finish_scan, folder, outcome, bag)
 
     async def in_thread(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Run what waits for a disk, while the node goes on."""

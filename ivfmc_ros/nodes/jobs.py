@@ -11,6 +11,7 @@ from ivfmc_ros import pipeline
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import NoStripeError
+from ivfmc_ros.inspection.scan_page import mesh_figures
 from ivfmc_ros.meshing import export
 from ivfmc_ros.meshing.display import thinned
 from ivfmc_ros.model import Floats
@@ -50,6 +51,7 @@ class Built:
 
     vertices_xyz, faces : (n, 3) metres and (m, 3), thinned out for display
     max_edge : metres, of a triangle between neighbours
+    surface : which faces were measured, and where the mesh is open
     paths : of the files, by their suffix
     """
 
@@ -57,6 +59,7 @@ class Built:
     faces: Ints
     max_edge: float | None
     counts: dict[str, int]
+    surface: dict[str, Any]
     paths: dict[str, str]
     seconds: dict[str, float]
 
@@ -169,6 +172,7 @@ def build(
             'faces': len(mesh.faces),
             'shown_faces': len(faces),
         },
+        surface=mesh_figures(mesh),
         paths={suffix: str(path) for suffix, path in paths.items()},
         seconds=watch.seconds,
     )

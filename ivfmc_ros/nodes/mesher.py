@@ -121,6 +121,7 @@ class Mesher(CellNode):
             'max_edge': made.max_edge,
             'paths': made.paths,
             'counts': made.counts,
+            'surface': made.surface,
             'seconds': made.seconds,
         }
 

@@ -194,6 +194,8 @@ class RunningScan:
         }
         if outcome.detail:
             answer['detail'] = outcome.detail
+        if self.tools.picture_error:
+            answer['picture_error'] = self.tools.picture_error
         return answer
 
     def _counts(self, outcome: Outcome) -> dict[str, Any]:

@@ -19,11 +19,13 @@ PICTURE = 'mesh.png'
 _PICTURE_S = 120.0
 
 
-def finish_scan(folder: Path, outcome: Outcome, document: Mapping[str, Any]) -> None:
+def finish_scan(folder: Path, outcome: Outcome, document: Mapping[str, Any]) -> str:
     """
     Write the report and the pictures of a scan; waits until they are on disk.
 
-    :raises FileError: they cannot be written
+    Return why there are no pictures, which is no end of a scan whose mesh is written, or nothing.
+
+    :raises FileError: the report cannot be written
     """
     figures = {
         **document,
@@ -33,8 +35,13 @@ def finish_scan(folder: Path, outcome: Outcome, document: Mapping[str, Any]) -> 
         'mesh': outcome.mesh,
         'seconds': outcome.seconds,
     }
-    draw(folder, str(outcome.mesh.get('unit', 'mm')), figures)
+    error = ''
+    try:
+        draw(folder, str(outcome.mesh.get('unit', 'mm')), figures)
+    except FileError as refused:
+        error = figures['picture_error'] = str(refused)
     write_report(folder / REPORT, figures)
+    return error
 
 
 def draw(folder: Path, unit: str, figures: Mapping[str, Any]) -> None:

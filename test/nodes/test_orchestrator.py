@@ -4,6 +4,7 @@ from contextlib import contextmanager
 from contextlib import ExitStack
 import json
 import math
+from pathlib import Path
 import sqlite3
 
 from fake_cell import FakeCell
@@ -243,6 +244,19 @@ def test_catalogue_that_is_locked_later_is_said_and_is_no_end(client, fake, orch
     assert success, answer
     assert 'locked' in answer['catalogue_error']
     assert record.load_job(root / answer['scan_id'])['stage'] == 'DONE'
+
+
+def test_picture_that_cannot_be_drawn_is_said_and_is_no_end(client, fake, orchestrator, root):
+    def spoil():
+        folder = fake.parameter('mesher', 'scan_folder')
+        (Path(folder) / 'mesh.stl').write_bytes(b'no mesh')
+
+    fake.meanwhile['mesher/build'] = spoil
+    success, answer = client.trigger('scan')
+    assert success, answer
+    assert 'could not be drawn' in answer['picture_error']
+    report = json.loads((root / answer['scan_id'] / 'report.json').read_text())
+    assert report['picture_error'] == answer['picture_error']
 
 
 def test_cancel_ends_the_work_of_the_helpers(client, fake, orchestrator):

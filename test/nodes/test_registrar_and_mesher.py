@@ -90,6 +90,10 @@ def test_live_views_are_those_of_the_pipeline_and_become_a_mesh(
     assert placed[0].header.stamp != found[0].header.stamp == placed[-1].header.stamp
     assert len(placed[-1].poses) == len(expected)
     assert (tmp_path / 'mesh.stl').stat().st_size == 84 + 50 * built['counts']['faces']
+    kinds, loops = built['surface']['faces'], built['surface']['open_loops']
+    assert sum(kinds.values()) == built['counts']['faces'] > kinds['measured'] > 0
+    # nobody sees the face that the part stands on
+    assert loops >= 1 and built['surface']['longest_loops'][0]['length_m'] > 0.05
     assert len(markers[0].points) == 3 * built['counts']['shown_faces'] <= 1500
     assert len(shapes[0].triangles) == built['counts']['shown_faces']
 

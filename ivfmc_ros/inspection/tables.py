@@ -1,0 +1,124 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of a report as tables of HTML, in the units that a person reads."""
+
+from collections.abc import Mapping
+from collections.abc import Sequence
+from html import escape
+import json
+import math
+from typing import Any
+
+# What is shown of figures in SI units: unit, factor, decimals.
+_MILLIMETRES = ('mm', 1e3, 4)
+_DEGREES = ('deg', math.degrees(1.0), 3)
+_RATE = ('deg/s', math.degrees(1.0), 2)
+_SECONDS = ('s', 1.0, 1)
+# A suffix tells the unit of a figure; these have none.
+_UNITS = {
+    'angle_from': _DEGREES,
+    'angle_to': _DEGREES,
+    'jitter': ('ms', 1e3, 2),
+    'max_edge': _MILLIMETRES,
+    'noise': _MILLIMETRES,
+    'rms': _MILLIMETRES,
+    'rms_after': _MILLIMETRES,
+    'rms_before': _MILLIMETRES,
+    'rotation': _DEGREES,
+    'speed': _RATE,
+    'translation': _MILLIMETRES,
+}
+
+
+def tables(figures: Mapping[str, Any]) -> str:
+    """
+    Return figures as sections: what has parts of its own comes below what has none.
+
+    figures : mappings become sections of pairs, lists of mappings tables; what is empty is
+        left out. Metres are shown in millimetres, radians in degrees.
+    """
+    return _section(figures, 2)
+
+
+def verdict(text: str) -> str:
+    """Return a verdict in its colour."""
+    safe = escape(text)
+    return f'<span class="{safe.split(maxsplit=1)[0]}">{safe}</span>'
+
+
+def _section(figures: Mapping[str, Any], level: int) -> str:
+    parts = {key: value for key, value in figures.items() if not _empty(value)}
+    plain = {key: value for key, value in parts.items() if not _nested(value)}
+    html = [_pairs(plain)] if plain else []
+    for key, value in parts.items():
+        if _nested(value):
+            inner = _section(value, level + 1) if isinstance(value, Mapping) else _table(value)
+            html.append(f'<h{level}>{escape(_name(key))}</h{level}>{inner}')
+    return ''.join(html)
+
+
+def _empty(value: Any) -> bool:
+    return value is None or (isinstance(value, str | list | tuple | Mapping) and not value)
+
+
+def _nested(value: Any) -> bool:
+    if isinstance(value, list | tuple):
+        return all(isinstance(item, Mapping) for item in value)
+    return isinstance(value, Mapping)
+
+
+def _pairs(values: Mapping[str, Any]) -> str:
+    rows = ''.join(
+        f'<tr><td>{escape(_label(key))}</td><td>{_cell(key, item)}</td></tr>'
+        for key, item in values.items()
+    )
+    return f'<div class="wide"><table>{rows}</table></div>'
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> str:
+    # columns in which no row says anything are left out
+    keys = [key for key in rows[0] if not all(_empty(row.get(key)) for row in rows)]
+    head = ''.join(f'<th>{escape(_label(key))}</th>' for key in keys)
+    body = ''.join(
+        '<tr>' + ''.join(f'<td>{_cell(key, row.get(key))}</td>' for key in keys) + '</tr>'
+        for row in rows
+    )
+    return f'<div class="wide"><table><tr>{head}</tr>{body}</table></div>'
+
+
+def _unit(key: str) -> tuple[str, float, int] | None:
+    if key.endswith('_m'):
+        return _MILLIMETRES
+    return _SECONDS if key.endswith('_s') else _UNITS.get(key)
+
+
+def _name(key: str) -> str:
+    return (key[:-2] if key.endswith(('_m', '_s')) else key).replace('_', ' ')
+
+
+def _label(key: str) -> str:
+    unit = _unit(key)
+    return _name(key) if unit is None else f'{_name(key)}, {unit[0]}'
+
+
+def _cell(key: str, value: Any) -> str:
+    if _empty(value):
+        return ''
+    if isinstance(value, Mapping):
+        return _pairs(value)
+    if isinstance(value, list | tuple):
+        return escape(', '.join(_number(key, item) for item in value))
+    return verdict(str(value)) if key == 'verdict' else escape(_number(key, value))
+
+
+def _number(key: str, value: Any) -> str:
+    if isinstance(value, bool):
+        return 'yes' if value else 'no'
+    if isinstance(value, int | float):
+        unit = _unit(key)
+        if not math.isfinite(value):
+            return ''
+        if unit is not None:
+            return f'{value * unit[1]:.{unit[2]}f}'
+        return f'{value:,}' if isinstance(value, int) else f'{value:.4g}'
+    return value if isinstance(value, str) else json.dumps(value)
