@@ -7,19 +7,22 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.meshing.parallel import in_parts
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
 
-SIDE = 8  # voxels along a block
-_VOLUME = SIDE**3
-# Values that a blur takes at a time.
-_AT_ONCE = 1 << 16
+_BITS = 3
+SIDE = 1 << _BITS  # voxels along a block
+VOLUME = SIDE**3
+_AT_ONCE = 1 << 16  # voxels
 # A grid of more blocks than this has voxels that are too small for what is in it.
 _MOST_BLOCKS = 64_000_000
+_ALL = slice(None)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -58,6 +61,16 @@ class Grid:
         """Return (n, 3) points in units of voxels."""
         return np.asarray((points_xyz - self.origin) / self.voxel)
 
+    def voxels(self, points_xyz: Floats) -> NDArray[np.int32]:
+        """Return the (n, 3) int32 voxels that points lie in."""
+        voxels = np.empty(points_xyz.shape, dtype=np.int32)
+
+        def fill(some: slice) -> None:
+            voxels[some] = np.rint(self.coordinates(points_xyz[some]))
+
+        in_parts(fill, len(points_xyz), _AT_ONCE)
+        return voxels
+
     def points(self, coordinates: Floats) -> Floats:
         """Return where (n, 3) coordinates in voxels are, metres."""
         return np.asarray(self.origin + coordinates * self.voxel)
@@ -81,14 +94,30 @@ class Blocks:
         return len(self.index)
 
     @classmethod
-    def near(cls, grid: Grid, coordinates: Floats, radius: int) -> 'Blocks':
-        """Return the blocks of all voxels that are within ``radius`` of (n, 3) coordinates."""
-        voxel = np.unique(flat(np.rint(coordinates).astype(np.int64) // 2, _fine(grid, 2)))
-        low = np.stack(np.unravel_index(voxel, _fine(grid, 2)), axis=1) * 2
-        found = np.zeros(grid.shape, dtype=bool)
-        for corner in product((-radius, radius + 1), repeat=3):
-            found[tuple(((low + corner) // SIDE).T)] = True
-        return cls(grid, np.flatnonzero(found))
+    def near(cls, grid: Grid, voxels: NDArray[np.int32], radius: int) -> 'Blocks':
+        """Return the blocks of all voxels that are within ``radius`` of (n, 3) voxels inside."""
+        occupied = np.zeros(grid.shape, dtype=bool)
+
+        def occupy(some: slice) -> None:
+            occupied[tuple((voxels[some] >> _BITS).T)] = True
+
+        in_parts(occupy, len(voxels), _AT_ONCE)
+        own = cls(grid, np.flatnonzero(occupied))
+        # of each block, towards which sides a voxel is near its rim
+        sides = np.zeros((len(own), 3, 3, 3), dtype=bool)
+
+        def look(some: slice) -> None:
+            slot = own.slot[tuple((voxels[some] >> _BITS).T)]
+            inside = voxels[some] & (SIDE - 1)
+            side = 1 + (inside >= SIDE - radius) - (inside < radius).astype(np.int64)
+            sides[slot, side[:, 0], side[:, 1], side[:, 2]] = True
+
+        in_parts(look, len(voxels), _AT_ONCE)
+        slot, *side = np.nonzero(sides)
+        step = np.stack(side, axis=1) - 1
+        for share in product((0, 1), repeat=3):
+            occupied[tuple((own.index[slot] + step * share).T)] = True
+        return cls(grid, np.flatnonzero(occupied))
 
     def joined(self, wanted: Bools) -> 'Blocks':
         """Return these blocks, in their slots, and after them those of a grid.shape mask."""
@@ -96,19 +125,31 @@ class Blocks:
         ids = np.concatenate([flat(self.index, self.grid.shape), new])
         return Blocks(self.grid, ids)
 
-    def place(self, voxels: Ints) -> Ints:
+    def place(self, voxels: NDArray[np.signedinteger]) -> Ints:
         """Return where (n, 3) voxels are in a flat (blocks, 8, 8, 8) array; -1 if nowhere."""
-        block, inside = voxels // SIDE, voxels % SIDE
-        within: Bools = np.all((block >= 0) & (block < np.array(self.grid.shape)), axis=1)
-        block = np.where(within[:, None], block, 0)
-        slot = np.where(within, self.slot[tuple(block.T)], -1).astype(np.int64)
-        place = slot * _VOLUME + flat(inside, (SIDE, SIDE, SIDE))
-        return np.asarray(np.where(slot < 0, -1, place))
+        places = np.empty(len(voxels), dtype=np.int64)
+        slots, (sx, sy, sz) = self.slot.reshape(-1), self.grid.shape
+
+        def look_up(some: slice) -> None:
+            x, y, z = np.ascontiguousarray(voxels[some].T, dtype=np.int64)
+            i, j, k = x >> _BITS, y >> _BITS, z >> _BITS
+            within = (i >= 0) & (i < sx) & (j >= 0) & (j < sy) & (k >= 0) & (k < sz)
+            slot = slots.take(np.where(within, (i * sy + j) * sz + k, 0)).astype(np.int64)
+            low = SIDE - 1
+            inside = ((x & low) << (2 * _BITS)) | ((y & low) << _BITS) | (z & low)
+            places[some] = np.where(within & (slot >= 0), slot * VOLUME + inside, -1)
+
+        in_parts(look_up, len(voxels), _AT_ONCE)
+        return places
 
     def voxels(self, places: Ints) -> Ints:
         """Return the (n, 3) voxels at places of a flat (blocks, 8, 8, 8) array."""
-        inside = np.stack(np.unravel_index(places % _VOLUME, (SIDE, SIDE, SIDE)), axis=1)
-        return np.asarray(self.index[places // _VOLUME] * SIDE + inside)
+        voxels = np.empty((len(places), 3), dtype=np.int64)
+        x, y, z = inside_block(places)
+        start = self.index[places // VOLUME] * SIDE
+        for axis, inside in enumerate((x, y, z)):
+            voxels[:, axis] = start[:, axis] + inside
+        return voxels
 
     def neighbour(self, axis: int, step: int) -> Ints:
         """Return the slot of the block ``step`` further along ``axis`` of each; -1 if none."""
@@ -118,61 +159,18 @@ class Blocks:
         index[outside] = 0
         return np.asarray(np.where(outside, -1, self.slot[tuple(index.T)]), dtype=np.int64)
 
-    def axes(self) -> Iterator[Singles]:
+    def axes(self, some: slice = _ALL) -> Iterator[Singles]:
         """Give the x, then y, then z coordinate in voxels of every voxel, to be broadcast."""
         for axis in range(3):
             inside = np.arange(SIDE, dtype=np.float32).reshape(np.roll((1, 1, SIDE), axis + 1))
-            start = (self.index[:, axis] * SIDE).astype(np.float32)
+            start = (self.index[some, axis] * SIDE).astype(np.float32)
             yield start[:, None, None, None] + inside[None]
 
-    def blurred(self, values: Singles, kernel: Floats) -> Singles:
-        """
-        Convolve (blocks, 8, 8, 8) values, or (blocks, 8, 8, 8, n), with a symmetric kernel.
 
-        What lies outside the blocks is 0. Along each axis it is a product with a band matrix,
-        for few blocks at a time, so that what is padded stays in the processor's cache.
-        """
-        radius, shape = len(kernel) // 2, values.shape
-        band = np.zeros((SIDE, SIDE + 2 * radius), dtype=np.float32)
-        for k in range(SIDE):
-            band[k, k : k + len(kernel)] = kernel
-        depth = int(np.prod(shape[4:], dtype=np.int64))
-        for axis in (2, 1, 0):
-            values = values.reshape(-1, SIDE**axis, SIDE, SIDE ** (2 - axis) * depth)
-            values = self._blurred_along(axis, values, band)
-        return values.reshape(shape)
-
-    def _blurred_along(self, axis: int, values: Singles, band: Singles) -> Singles:
-        radius = (band.shape[1] - SIDE) // 2
-        before, after = self.neighbour(axis, -1), self.neighbour(axis, 1)
-        result = np.empty_like(values)
-        count = max(1, _AT_ONCE // values[:1].size)
-        _, first, _, last = values.shape
-        padded = np.empty((count, first, band.shape[1], last), dtype=np.float32)
-        for start in range(0, len(values), count):
-            some = slice(start, start + count)
-            part = padded[: len(values[some])]
-            part[:, :, radius : radius + SIDE] = values[some]
-            part[:, :, :radius] = _beside(values, before[some], slice(-radius, None))
-            part[:, :, radius + SIDE :] = _beside(values, after[some], slice(None, radius))
-            # many small products: for a large one BLAS would wake threads, and lose by it
-            if last == 1:
-                np.matmul(part[..., 0], band.T, out=result[some][..., 0])
-            else:
-                np.matmul(band, part, out=result[some])
-        return result
-
-
-def _beside(values: Singles, slots: Ints, layers: slice) -> Singles:
-    """Return some layers of the blocks in ``slots``, 0 where there is none."""
-    found = values[:, :, layers][slots]
-    found[slots < 0] = 0.0
-    return np.asarray(found)
-
-
-def _fine(grid: Grid, size: int) -> tuple[int, int, int]:
-    i, j, k = (side * SIDE // size for side in grid.shape)
-    return i, j, k
+def inside_block(places: Ints) -> tuple[Ints, Ints, Ints]:
+    """Return where in its block each voxel is, along x, y, z."""
+    low = SIDE - 1
+    return (places >> (2 * _BITS)) & low, (places >> _BITS) & low, places & low
 
 
 def flat(index: Ints, shape: tuple[int, ...]) -> Ints:

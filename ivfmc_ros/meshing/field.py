@@ -14,108 +14,114 @@ the voxels (as in Curless & Levoy 1996).
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ivfmc_ros.meshing.blocks import Blocks
 from ivfmc_ros.meshing.blocks import Grid
 from ivfmc_ros.meshing.blocks import SIDE
+from ivfmc_ros.meshing.parallel import in_parts
 from ivfmc_ros.meshing.samples import Samples
+from ivfmc_ros.meshing.spread import AT_ONCE
+from ivfmc_ros.meshing.spread import RADIUS
+from ivfmc_ros.meshing.spread import Spread
 from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
 
-RADIUS = 2  # voxels that a sample reaches
 _LEAST_WEIGHT = 1e-6  # of the mean sample's
 SPREAD = 0.7  # voxels, 1 sigma of its kernel
 KERNEL: Floats = np.exp(-0.5 * (np.arange(-RADIUS, RADIUS + 1) / SPREAD) ** 2)
 KERNEL /= KERNEL.sum()
+_SAMPLES_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Sums:
     """
-    Sums over the samples in each voxel, (blocks, 8, 8, 8) float32.
+    Sums over the samples in each voxel that has some.
 
-    weight : of the samples, divided by ``scale``, their mean in 1/metre^2
-    normals, points : three each, of weight * n and weight * p, with p in voxels
-    offset : of weight * n.p
-    counts : of samples; light : of their intensity
-    points_seen : of all points, those without a normal too
+    spread : of these voxels, over the blocks around
+    places : (n,) of these voxels in a flat (blocks, 8, 8, 8) array, ascending
+    planes : (n, 8) float32: of weight, of weight * n.p, of weight * n, of weight * p, with p in
+        voxels and weights divided by ``scale``, their mean in 1/metre^2
+    seen : (n, 2) float32: how many samples, and the sum of their intensity
+    alone : (k,) places of voxels with points without a normal, ascending
     """
 
-    weight: Singles
-    normals: tuple[Singles, Singles, Singles]
-    points: tuple[Singles, Singles, Singles]
-    offset: Singles
-    counts: Singles
-    light: Singles
-    points_seen: Singles
+    blocks: Blocks
+    spread: Spread
+    places: Ints
+    planes: Singles
+    seen: Singles
+    alone: Ints
     scale: float
 
 
-def sum_up(blocks: Blocks, samples: Samples) -> Sums:
+def sum_up(grid: Grid, samples: Samples) -> Sums:
     """Sum the samples up, each in the voxel that it lies in."""
-    at = blocks.grid.coordinates(samples.points_xyz)
-    place = blocks.place(np.rint(at).astype(np.int64))
+    voxels = grid.voxels(np.concatenate([samples.points_xyz, samples.alone_xyz]))
+    blocks = Blocks.near(grid, voxels, RADIUS)
+    places = blocks.place(voxels)
+    places, alone = places[: len(samples)], places[len(samples) :]
+    order = np.argsort(places, kind='stable')
+    places = places[order]
+    first = np.flatnonzero(np.diff(places, prepend=-1))
     scale = float(samples.weight.mean())
-    weight = samples.weight / scale
-
-    order = np.argsort(place, kind='stable')
-    place = place[order]
-    first = np.flatnonzero(np.diff(place, prepend=-1))
-
-    def total(values: Floats) -> Singles:
-        sums = np.zeros((len(blocks), SIDE, SIDE, SIDE), dtype=np.float32)
-        sums.reshape(-1)[place[first]] = np.add.reduceat(values[order], first)
-        return sums
-
-    nx, ny, nz = (total(weight * samples.normals[:, k]) for k in range(3))
-    x, y, z = (total(weight * at[:, k]) for k in range(3))
-    counts = total(np.ones(len(samples)))
+    # row v has a one for each sample in voxel v
+    adding = csr_array(
+        (np.ones(len(order), dtype=np.float32), order, np.append(first, len(order))),
+        shape=(len(first), len(order)),
+    )
+    seen = np.stack([np.ones(len(samples)), samples.intensity], axis=1).astype(np.float32)
     return Sums(
-        weight=total(weight),
-        normals=(nx, ny, nz),
-        points=(x, y, z),
-        offset=total(weight * (samples.normals * at).sum(axis=1)),
-        counts=counts,
-        light=total(samples.intensity),
-        points_seen=_with_alone(blocks, counts, samples),
+        blocks=blocks,
+        spread=Spread(blocks, places[first]),
+        places=places[first],
+        planes=adding @ _planes(grid, samples, scale),
+        seen=adding @ seen,
+        alone=np.unique(alone),
         scale=scale,
     )
 
 
-def _with_alone(blocks: Blocks, counts: Singles, samples: Samples) -> Singles:
-    if not len(samples.alone_xyz):
-        return counts
-    at = blocks.grid.coordinates(samples.alone_xyz)
-    place = blocks.place(np.rint(at).astype(np.int64))
-    more = np.bincount(place[place >= 0], minlength=counts.size)
-    return (counts + more.reshape(counts.shape)).astype(np.float32)
+def _planes(grid: Grid, samples: Samples, scale: float) -> Singles:
+    planes = np.empty((len(samples), 8), dtype=np.float32)
+
+    def compute(some: slice) -> None:
+        at = grid.coordinates(samples.points_xyz[some])
+        weight, normals = samples.weight[some, None] / scale, samples.normals[some]
+        planes[some, :1] = weight
+        planes[some, 1:2] = weight * (normals * at).sum(axis=1, keepdims=True)
+        planes[some, 2:5] = weight * normals
+        planes[some, 5:] = weight * at
+
+    in_parts(compute, len(samples), _SAMPLES_AT_ONCE)
+    return planes
 
 
-def distance(blocks: Blocks, sums: Sums, kernel: Floats = KERNEL) -> tuple[Singles, Singles]:
+def distance(sums: Sums, kernel: Floats = KERNEL) -> tuple[Singles, Singles]:
     """
     Return the signed distance in voxels, outside positive, NaN out of reach; and the weight.
 
     Both are (blocks, 8, 8, 8).
     """
-    weight, offset = _blurred(blocks, kernel, sums.weight, sums.offset)
-    mean = -offset
-    plane = np.zeros_like(mean)
-    for normals, points, x in zip(sums.normals, sums.points, blocks.axes(), strict=True):
-        normal, point = _blurred(blocks, kernel, normals, points)
-        mean += normal * x
-        plane += normal * (weight * x - point)
-    with np.errstate(invalid='ignore', divide='ignore'):
-        known = np.where(weight > _LEAST_WEIGHT, weight, np.float32(np.nan))
-        distance = np.float32(0.5) * (mean + plane / known) / known
-    return distance.astype(np.float32), weight
+    blocks = sums.blocks
+    shape = (len(blocks), SIDE, SIDE, SIDE)
+    distances, weights = np.empty(shape, dtype=np.float32), np.empty(shape, dtype=np.float32)
 
+    def measure(some: slice) -> None:
+        weight, offset, *both = np.swapaxes(sums.spread.blurred(some, sums.planes, kernel), 0, 1)
+        mean, plane = -offset, np.zeros_like(offset)
+        for normal, point, x in zip(both[:3], both[3:], blocks.axes(some), strict=True):
+            mean += normal * x
+            plane += normal * (weight * x - point)
+        with np.errstate(invalid='ignore', divide='ignore'):
+            known = np.where(weight > _LEAST_WEIGHT, weight, np.float32(np.nan))
+            distances[some] = np.float32(0.5) * (mean + plane / known) / known
+        weights[some] = weight
 
-def _blurred(
-    blocks: Blocks, kernel: Floats, first: Singles, second: Singles
-) -> tuple[Singles, Singles]:
-    """Blur two at once, which takes less time."""
-    both = blocks.blurred(np.stack([first, second], axis=-1), kernel)
-    return np.ascontiguousarray(both[..., 0]), np.ascontiguousarray(both[..., 1])
+    in_parts(measure, len(blocks), AT_ONCE)
+    return distances, weights
 
 
 def grid_of(samples: Samples, voxel: float, floor: float | None) -> Grid:

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import ndimage
 
 from ivfmc_ros.meshing.blocks import Blocks
+from ivfmc_ros.meshing.blocks import flat
 from ivfmc_ros.meshing.blocks import Grid
 from ivfmc_ros.meshing.blocks import SIDE
 from ivfmc_ros.meshing.field import Sums
@@ -68,29 +69,20 @@ def coarse_cell(grid: Grid) -> int:
 
 def _coarse_distance(blocks: Blocks, sums: Sums, cell: int) -> Singles:
     """Return the distance in coarse cells where there are samples, NaN elsewhere."""
-    weight = _blur(_gather(blocks, sums.weight, cell))
-    top = -_blur(_gather(blocks, sums.offset, cell))
-    for axis, normal in enumerate(sums.normals):
-        centre = np.arange(weight.shape[axis], dtype=np.float32) * cell + 0.5 * (cell - 1)
-        shape = np.roll((len(centre), 1, 1), axis)
-        top += _blur(_gather(blocks, normal, cell)) * centre.reshape(shape)
+    shape = tuple(side * SIDE // cell for side in blocks.grid.shape)
+    index = flat(blocks.voxels(sums.places) // cell, shape)
+
+    def gathered(column: int) -> Singles:
+        dense = np.bincount(index, sums.planes[:, column], minlength=int(np.prod(shape)))
+        return _blur(dense.astype(np.float32).reshape(shape))
+
+    weight, top = gathered(0), -gathered(1)
+    for axis in range(3):
+        centre = np.arange(shape[axis], dtype=np.float32) * cell + 0.5 * (cell - 1)
+        top += gathered(2 + axis) * centre.reshape(np.roll((-1, 1, 1), axis))
     with np.errstate(invalid='ignore', divide='ignore'):
         distance = top / weight / cell
     return np.where(weight > 1e-6, np.clip(distance, -_CLIP, _CLIP), np.nan).astype(np.float32)
-
-
-def _gather(blocks: Blocks, values: Singles, cell: int) -> Singles:
-    """Sum (blocks, 8, 8, 8) values over coarse cells, as a dense (x, y, z) array."""
-    n = SIDE // cell
-    # along the rows by a product, which is far faster; what is left is small
-    ends = np.repeat(np.eye(n, dtype=np.float32), cell, axis=0)
-    rows = (values.reshape(-1, SIDE * SIDE, SIDE) @ ends).reshape(-1, n, cell, n, cell, n)
-    pooled = rows.sum(axis=(2, 4))
-    i, j, k = blocks.grid.shape
-    dense = np.zeros((i, n, j, n, k, n), dtype=np.float32)
-    a, b, c = blocks.index.T
-    dense[a, :, b, :, c, :] = pooled
-    return dense.reshape(i * n, j * n, k * n)
 
 
 def _blur(dense: Singles) -> Singles:

@@ -19,10 +19,10 @@ from ivfmc_ros.meshing import normals
 from ivfmc_ros.meshing import pieces
 from ivfmc_ros.meshing import topology
 from ivfmc_ros.meshing import volume
-from ivfmc_ros.meshing.blocks import Blocks
 from ivfmc_ros.meshing.carve import carve
 from ivfmc_ros.meshing.samples import Samples
 from ivfmc_ros.meshing.settings import MeshSettings
+from ivfmc_ros.meshing.spread import Spread
 from ivfmc_ros.model import BASE
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import BRIDGED
@@ -77,32 +77,31 @@ def integrate(samples: Samples, voxel: float, settings: MeshSettings) -> Mesh:
             'raise max_edge or scan in finer steps'
         )
     grid = field.grid_of(samples, voxel, settings.floor)
-    places = np.concatenate([samples.points_xyz, samples.alone_xyz])
-    blocks = Blocks.near(grid, grid.coordinates(places), field.RADIUS)
-    sums = field.sum_up(blocks, samples)
-    measured, weight = field.distance(blocks, sums)
+    sums = field.sum_up(grid, samples)
+    blocks = sums.blocks
+    measured, weight = field.distance(sums)
     carve(blocks, measured, samples)
     empty = fill.looked_through(grid, samples)
     coarse = fill.fill(blocks, sums, empty, settings.floor)
     net = nets.extract(*volume.whole_distance(blocks, measured, coarse, settings.floor))
-    shell = _shell(blocks, sums, weight, net, settings.floor)
+    shell = _shell(sums, weight, net, settings.floor)
     noise = np.nan_to_num(shell.sigma)[net.quads].max(axis=1) * (_NORMAL_NOISE / voxel)
     vertices = denoise.denoised(net.vertices, net.quads, noise, settings.smoothing)
     return _mesh(grid.points(vertices), net.quads, shell, voxel, settings)
 
 
-def _shell(
-    blocks: Blocks, sums: field.Sums, weight: Singles, net: nets.Nets, floor: float | None
-) -> _Shell:
-    seen = told = volume.near_samples(blocks, sums.counts, net.cells)
-    if sums.points_seen is not sums.counts:
-        told = volume.near_samples(blocks, sums.points_seen, net.cells)
+def _shell(sums: field.Sums, weight: Singles, net: nets.Nets, floor: float | None) -> _Shell:
+    blocks = sums.blocks
+    place = blocks.place(net.cells)
+    counts, light = sums.spread.around(sums.seen, place).T
+    seen = told = counts > 0.5
+    if len(sums.alone):
+        ones = np.ones((len(sums.alone), 1), dtype=np.float32)
+        told = seen | (Spread(blocks, sums.alone).around(ones, place)[:, 0] > 0.5)
     level = None if floor is None else (floor - blocks.grid.origin[2]) / blocks.grid.voxel
-    place = np.maximum(blocks.place(net.cells), 0)
-    both = blocks.blurred(np.stack([sums.light, sums.counts], axis=-1), np.ones(3))
-    light, counts = both.reshape(-1, 2)[place].T
+    weight = weight.reshape(-1).take(np.maximum(place, 0))
     with np.errstate(invalid='ignore', divide='ignore'):
-        sigma = np.sqrt(_MEAN_KERNEL / (weight.reshape(-1)[place] * sums.scale))
+        sigma = np.sqrt(_MEAN_KERNEL / (weight * sums.scale))
         intensity = light / counts
     return _Shell(
         sigma=np.where(seen, sigma, np.nan).astype(np.float64),

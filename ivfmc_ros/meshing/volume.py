@@ -9,7 +9,6 @@ from ivfmc_ros.meshing.blocks import Blocks
 from ivfmc_ros.meshing.blocks import SIDE
 from ivfmc_ros.meshing.fill import Coarse
 from ivfmc_ros.model import Bools
-from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
 
 _ROUNDS = 20
@@ -100,15 +99,3 @@ def _missing(blocks: Blocks, values: Singles, dense: Singles, cell: int) -> Bool
             crossed = (layer != sign[:, None, None]).any(axis=(1, 2))
             missing[tuple(there[crossed].T)] = True
     return missing
-
-
-def near_samples(blocks: Blocks, counts: Singles, cells: Ints) -> Bools:
-    """
-    Tell of (n, 3) cells whether a sample is in them or beside them.
-
-    counts : (blocks, 8, 8, 8) samples in each voxel; blocks beyond have none
-    """
-    spread = blocks.blurred((counts > 0).astype(np.float32), np.ones(3))
-    place = blocks.place(cells)
-    flat = spread.reshape(-1)
-    return np.asarray((place >= 0) & (flat[np.minimum(place, flat.size - 1)] > 0.5))

@@ -1,38 +1,31 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
-import pytest
-from scipy import ndimage
 
 from ivfmc_ros.meshing.blocks import Blocks
 from ivfmc_ros.meshing.blocks import Grid
 from ivfmc_ros.meshing.blocks import SIDE
 
 GRID = Grid(origin=np.zeros(3), voxel=1e-3, shape=(4, 3, 5))
-KERNEL = np.array([0.1, 0.2, 0.4, 0.2, 0.1])
 
 
-def dense(blocks, values):
-    """Blocks of values in one array; 0 where there is no block."""
-    whole = np.zeros([side * SIDE for side in GRID.shape], dtype=np.float32)
-    for (i, j, k), block in zip(SIDE * blocks.index, values, strict=True):
-        whole[i : i + SIDE, j : j + SIDE, k : k + SIDE] = block
-    return whole
+def test_blocks_near_voxels_are_those_within_the_radius():
+    rng = np.random.default_rng(1)
+    voxels = rng.integers(SIDE, np.array(GRID.shape) * SIDE - SIDE, size=(9, 3))
+    found = Blocks.near(GRID, voxels, 2)
+    whole = np.stack(np.indices([side * SIDE for side in GRID.shape]), axis=-1).reshape(-1, 3)
+    near = (np.abs(whole[:, None] - voxels) <= 2).all(axis=2).any(axis=1)
+    wanted = np.unique(whole[near] // SIDE, axis=0)
+    assert (found.index == wanted).all()
 
 
-@pytest.mark.parametrize('shape', [(), (3,)])
-def test_blur_goes_over_the_borders_of_blocks(shape):
-    rng = np.random.default_rng(0)
-    ids = np.sort(rng.choice(60, 41, replace=False))
-    blocks = Blocks(GRID, ids)
-    values = rng.normal(size=(41, SIDE, SIDE, SIDE, *shape)).astype(np.float32)
-    found = blocks.blurred(values, KERNEL)
-    assert found.shape == values.shape
-    for k in range(max(1, sum(shape))):
-        one, own = (array[..., k] if shape else array for array in (values, found))
-        wanted = dense(blocks, one)
-        for axis in (2, 1, 0):
-            wanted = ndimage.correlate1d(wanted, KERNEL, axis=axis, mode='constant')
-            # between the passes too, only blocks have values
-            wanted *= dense(blocks, np.ones_like(one))
-        assert dense(blocks, own) == pytest.approx(wanted, abs=1e-5)
+def test_places_lead_back_to_their_voxels():
+    blocks = Blocks(GRID, np.array([3, 7, 59]))
+    places = np.arange(len(blocks) * SIDE**3)
+    assert (blocks.place(blocks.voxels(places)) == places).all()
+
+
+def test_no_place_where_no_block_is():
+    blocks = Blocks(GRID, np.array([0]))
+    voxels = np.array([[0, 0, 0], [7, 7, 8], [-1, 0, 0], [0, 24, 0], [32, 0, 0]])
+    assert blocks.place(voxels).tolist() == [0, -1, -1, -1, -1]
