@@ -23,11 +23,11 @@ from ivfmc_ros.inspection.html import Page
 from ivfmc_ros.inspection.html import write_html
 from ivfmc_ros.inspection.inspect import inspect as run
 from ivfmc_ros.inspection.inspect import Inspection
-from ivfmc_ros.inspection.inspect import InspectSettings
 from ivfmc_ros.inspection.nominal import read_body
 from ivfmc_ros.inspection.nominal import require_alike
 from ivfmc_ros.inspection.nominal import require_closed
 from ivfmc_ros.inspection.report import write_report
+from ivfmc_ros.inspection.settings import InspectSettings
 from ivfmc_ros.inspection.summary import document
 from ivfmc_ros.inspection.uncertainty import Conditions
 from ivfmc_ros.meshing.export import UNITS
@@ -209,6 +209,8 @@ def _say(found: Inspection, figures: dict[str, Any], output: Path) -> None:
         values = [f'{row[key] * 1e3:.4f}' if np.isfinite(row[key]) else '' for key in keys]
         table.add_row(row['name'], *values, _told(row))
     console.print(table)
+    if found.unseen:
+        console.print(f'not measured, not judged: {", ".join(found.unseen)}')
     if not found.calibrated:
         console.print(
             'no covariance of the calibration is known: the uncertainty is of noise only'

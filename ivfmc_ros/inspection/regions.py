@@ -18,6 +18,8 @@ from ivfmc_ros.model import Ints
 _SMOOTH = np.radians(20.0)
 # A face is what fits to this share of its own size.
 _EXACT = 2e-4
+# The normals of a cone lie on one circle; those of a sphere stand out of every circle by more.
+_BENT = 0.01
 _MOST = 200
 _LEAST_AREA = 5e-4  # share of the surface: smaller faces are not listed
 
@@ -91,9 +93,17 @@ def _faces_along(shape: features.Feature, vertices: Floats, faces: Ints) -> bool
     """Tell whether the faces are square to the shape's radii: those of a cone are not."""
     if shape.kind == 'plane':
         return True
+    normal = np.nan_to_num(triangle_normals.of_faces(vertices, faces))
+    if shape.kind == 'sphere' and np.std(normal @ _least_axis(normal)) < _BENT:
+        # two rings of corners lie on a sphere whatever they are; this is a chamfer
+        return False
     radius = vertices[faces].mean(axis=1) - shape.center_xyz
     if shape.kind == 'cylinder':
         radius = radius - (radius @ shape.axis)[:, None] * shape.axis
     radius /= np.linalg.norm(radius, axis=1, keepdims=True)
-    normal = np.nan_to_num(triangle_normals.of_faces(vertices, faces))
     return bool(np.median(np.abs((radius * normal).sum(axis=1))) > np.cos(_SMOOTH))
+
+
+def _least_axis(vectors: Floats) -> Floats:
+    """Return the unit direction in which (n, 3) vectors differ least."""
+    return np.asarray(np.linalg.eigh(np.cov(vectors.T))[1][:, 0])

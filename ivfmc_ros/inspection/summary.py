@@ -6,9 +6,9 @@ from dataclasses import asdict
 from typing import Any
 
 from ivfmc_ros.inspection.inspect import Inspection
-from ivfmc_ros.inspection.inspect import InspectSettings
 from ivfmc_ros.inspection.inspect import Judged
-from ivfmc_ros.inspection.inspect import Sized
+from ivfmc_ros.inspection.settings import InspectSettings
+from ivfmc_ros.inspection.sizes import Sized
 
 
 def document(found: Inspection, settings: InspectSettings) -> dict[str, Any]:
@@ -24,6 +24,7 @@ def document(found: Inspection, settings: InspectSettings) -> dict[str, Any]:
             'nominal_from_mesh': found.alignment.nominal_from_mesh.tolist(),
         },
         'conditions': asdict(settings.conditions),
+        'unseen': found.unseen,
         'surface': [_surface(judged) for judged in [found.whole, *found.regions]],
         'features': [_feature(sized) for sized in found.sizes],
     }

@@ -14,17 +14,18 @@ from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.inspection.alignment import align
 from ivfmc_ros.inspection.alignment import from_datums
 from ivfmc_ros.inspection.inspect import inspect
-from ivfmc_ros.inspection.inspect import InspectSettings
 from ivfmc_ros.inspection.nominal import Body
 from ivfmc_ros.inspection.nominal import read_body
 from ivfmc_ros.inspection.nominal import require_alike
 from ivfmc_ros.inspection.nominal import require_closed
 from ivfmc_ros.inspection.regions import regions_of
+from ivfmc_ros.inspection.settings import InspectSettings
 from ivfmc_ros.inspection.summary import document
 from ivfmc_ros.inspection.verdict import judge
 from ivfmc_ros.inspection.verdict import judge_surface
 from ivfmc_ros.meshing.export import write_solid
 from ivfmc_ros.simulation.parts import box
+from ivfmc_ros.simulation.parts import sphere
 from ivfmc_ros.simulation.parts import stepped_shaft
 from ivfmc_ros.surface import Surface
 
@@ -104,6 +105,35 @@ def test_faces_of_a_box_and_a_shaft_are_told_apart():
     ]
     shapes = [region.shape.kind for region in regions_of(SHAFT.vertices_xyz, SHAFT.faces)]
     assert sorted(shapes) == ['cylinder', 'cylinder', 'plane', 'plane', 'plane']
+
+
+def test_chamfer_is_no_sphere():
+    import trimesh
+
+    profile = [[0, 0], [0.02, 0], [0.02, 0.01], [0.019, 0.011], [0, 0.011]]
+    turned = trimesh.creation.revolve(np.array(profile), sections=256)
+    names = [r.name for r in regions_of(turned.vertices, np.asarray(turned.faces))]
+    assert sorted(names) == ['cylinder 1', 'free form 1', 'plane 1', 'plane 2']
+    ball = sphere(0.02)
+    assert [r.name for r in regions_of(ball.vertices_xyz, ball.faces)] == ['sphere 1']
+
+
+def test_what_closes_a_mesh_is_not_judged():
+    mesh = fine_box()
+    bottom = mesh.vertices_xyz[:, 2] < 1e-6
+    # as the floor of a scan, which is cut off above the platter
+    vertices = mesh.vertices_xyz + bottom[:, None] * (0.0, 0.0, 0.5e-3)
+    closing = replace(mesh, vertices_xyz=vertices, sigma=np.where(bottom, np.nan, 1e-6))
+    found = inspect(closing, body(BOX), InspectSettings())
+    assert found.whole.verdict == 'pass'
+    assert len(found.unseen) == 1 and len(found.regions) == 5
+    assert np.isnan(found.deviations[bottom]).all()
+    assert document(found, InspectSettings())['unseen'] == found.unseen
+    # a file without sigma does not say what was measured
+    bare = inspect(replace(closing, sigma=None), body(BOX), InspectSettings())
+    assert bare.whole.verdict == 'fail'
+    unknown = replace(closing, sigma=np.full(len(vertices), np.nan))
+    assert inspect(unknown, body(BOX), InspectSettings()).whole.verdict == 'fail'
 
 
 @pytest.mark.parametrize('seed', range(3))
