@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A grid of voxels of which only blocks near a surface exist."""
 
+from collections.abc import Callable
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
@@ -158,6 +159,25 @@ class Blocks:
         outside = (index[:, axis] < 0) | (index[:, axis] >= self.grid.shape[axis])
         index[outside] = 0
         return np.asarray(np.where(outside, -1, self.slot[tuple(index.T)]), dtype=np.int64)
+
+    def steps(self, step: int) -> Callable[[Ints, Ints], Ints]:
+        """
+        Return what finds the places one voxel further, or back, from (n,) places.
+
+        It takes the places and along which axis each is to go; -1 is nowhere, and leads there.
+        """
+        beside = np.stack([self.neighbour(axis, step) for axis in range(3)])
+        last = SIDE - 1 if step > 0 else 0
+
+        def stepped(places: Ints, axis: Ints) -> Ints:
+            bits = _BITS * (2 - axis)
+            rim = (places >> bits) & (SIDE - 1) == last
+            slot = beside[axis, places // VOLUME]
+            over = slot * VOLUME + places % VOLUME - step * (SIDE - 1 << bits)
+            nowhere = (places < 0) | (rim & (slot < 0))
+            return np.where(nowhere, -1, np.where(rim, over, places + step * (1 << bits)))
+
+        return stepped
 
     def axes(self, some: slice = _ALL) -> Iterator[Singles]:
         """Give the x, then y, then z coordinate in voxels of every voxel, to be broadcast."""

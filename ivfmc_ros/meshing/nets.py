@@ -14,17 +14,20 @@ the surface changes its sign.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ivfmc_ros.meshing import topology
 from ivfmc_ros.meshing.blocks import Blocks
 from ivfmc_ros.meshing.blocks import SIDE
+from ivfmc_ros.meshing.blocks import VOLUME
+from ivfmc_ros.meshing.parallel import in_parts
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
 
 _CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
-# Signs that are crosswise change along at least so many of the twelve edges of a cell.
-_LEAST_CROSSED = 6
+_AT_ONCE = 1 << 15  # edges
 _ROUNDS = 60
 # rounds after which voxels change to inside only, which must come to an end
 _FREE_ROUNDS = 12
@@ -51,84 +54,102 @@ def extract(blocks: Blocks, values: Singles) -> Nets:
 
     values : outside positive, no zeros; changed where signs are crosswise
     """
-    edges = _edges(blocks, values)
-    cells, corner = _cells(edges, blocks)
-    if _uncross(blocks, values, cells[np.bincount(corner.ravel()) >= _LEAST_CROSSED]):
-        edges = _edges(blocks, values)
-        cells, corner = _cells(edges, blocks)
-    crossing = np.concatenate([_crossing(blocks, values, edge) for edge in edges])
-    total = np.stack(
-        [
-            np.bincount(corner.ravel(), np.repeat(crossing[:, k], 4), minlength=len(cells))
-            for k in range(3)
-        ],
-        axis=1,
-    )
-    count = np.bincount(corner.ravel(), minlength=len(cells))
-    return Nets(vertices=total / count[:, None], quads=corner, cells=cells)
+    edges, crossed = _edges(blocks, values)
+    if _uncross(blocks, values, blocks.voxels(crossed)):
+        edges, _ = _edges(blocks, values)
+    blocks, around = _cells_around(blocks, edges)
+    used = np.zeros(len(blocks) * VOLUME, dtype=bool)
+    used[around] = True
+    cells = np.flatnonzero(used)
+    number = np.empty(len(used), dtype=np.int32)
+    number[cells] = np.arange(len(cells), dtype=np.int32)
+    quads = number[around].astype(np.int64)
+    total = topology.adding(quads, len(cells)) @ _crossing(blocks, values, edges)
+    count = np.bincount(quads.ravel(), minlength=len(cells))
+    return Nets(vertices=total / count[:, None], quads=quads, cells=blocks.voxels(cells))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Edges:
-    """Edges along an axis with a change of sign: places of both voxels, and the first voxel."""
+    """
+    Edges between neighbouring voxels of different sign, in the order of the first voxels.
 
-    axis: int
+    first : (n,) places of the voxels that are lower along ``axis``
+    axis : (n,) int64
+    rising : (n,) bool, the second voxel is outside
+    """
+
     first: Ints
-    second: Ints
+    axis: Ints
     rising: Bools
-    voxels: Ints
 
 
-def _edges(blocks: Blocks, values: Singles) -> list[_Edges]:
-    return [_edges_along(blocks, values, axis) for axis in range(3)]
-
-
-def _edges_along(blocks: Blocks, values: Singles, axis: int) -> _Edges:
+def _edges(blocks: Blocks, values: Singles) -> tuple[_Edges, Ints]:
+    """Return all edges, and the places of cells that have their signs crosswise."""
     outside = values > 0
-    after = blocks.neighbour(axis, 1)
-    following = np.roll(outside, -1, axis=axis + 1)
-    first_layer = np.take(outside, 0, axis=axis + 1)[after]
-    own = np.take(outside, SIDE - 1, axis=axis + 1)
-    last: list[slice | int] = [slice(None)] * 4
-    last[axis + 1] = SIDE - 1
-    following[tuple(last)] = np.where((after >= 0)[:, None, None], first_layer, own)
-    first = np.flatnonzero(outside != following)
-    voxels = blocks.voxels(first)
-    ahead = voxels.copy()
-    ahead[:, axis] += 1
-    return _Edges(
-        axis=axis,
-        first=first,
-        second=blocks.place(ahead),
-        rising=following.reshape(-1)[first],
-        voxels=voxels,
-    )
+    # bit 4 i + 2 j + k is the sign of the voxel (i, j, k) further
+    codes = outside.view(np.uint8)
+    for axis, shift in ((2, 1), (1, 2), (0, 4)):
+        codes = codes | (_following(blocks, codes, axis) << np.uint8(shift))
+    codes = codes.reshape(-1)
+    # neither all inside nor all outside
+    some = np.flatnonzero((codes + np.uint8(1)) > 1)
+    code = codes[some]
+    differs = ((code[:, None] >> np.array([4, 2, 1], dtype=np.uint8)) ^ code[:, None]) & 1
+    edge = np.flatnonzero(differs)
+    first = edge // 3
+    edges = _Edges(first=some[first], axis=edge % 3, rising=(code[first] & 1) == 0)
+    return edges, some[_CROSSWISE[code]]
 
 
-def _crossing(blocks: Blocks, values: Singles, edge: _Edges) -> Floats:
+def _following(blocks: Blocks, values: NDArray[np.uint8], axis: int) -> NDArray[np.uint8]:
+    """Return of each voxel the value of the next along ``axis``; its own where there is none."""
+    following = np.empty_like(values)
+    own, after = np.moveaxis(values, axis + 1, 1), np.moveaxis(following, axis + 1, 1)
+    after[:, :-1] = own[:, 1:]
+    slot = blocks.neighbour(axis, 1)
+    after[:, -1] = own[np.maximum(slot, 0), 0]
+    after[slot < 0, -1] = own[slot < 0, -1]
+    return following
+
+
+def _crossing(blocks: Blocks, values: Singles, edges: _Edges) -> Floats:
     """Return (n, 3) where the surface crosses the edges, in voxels."""
+    crossing = blocks.voxels(edges.first).astype(np.float64)
     flat = values.reshape(-1)
-    a, b = flat[edge.first].astype(np.float64), flat[edge.second].astype(np.float64)
-    crossing = edge.voxels.astype(np.float64)
+    a = flat[edges.first].astype(np.float64)
+    b = flat[blocks.steps(1)(edges.first, edges.axis)].astype(np.float64)
     # not at a voxel itself, where quadrilaterals of several edges would meet
-    crossing[:, edge.axis] += np.clip(a / (a - b), 0.02, 0.98)
+    crossing[np.arange(len(a)), edges.axis] += np.clip(a / (a - b), 0.02, 0.98)
     return crossing
 
 
-def _cells(edges: list[_Edges], blocks: Blocks) -> tuple[Ints, Ints]:
-    """Return the (n, 3) cells around the edges, and (m, 4) which of them is around each edge."""
-    shape = np.array(blocks.grid.shape) * SIDE
-    around = []
-    for edge in edges:
-        b, c = (edge.axis + 1) % 3, (edge.axis + 2) % 3
-        stride = np.array([shape[1] * shape[2], shape[2], 1])
-        own = edge.voxels @ stride
+def _cells_around(blocks: Blocks, edges: _Edges) -> tuple[Blocks, Ints]:
+    """Return (n, 4) places of the cells around edges, and the blocks that these are in."""
+    around = _ring(blocks, edges)
+    without = (around < 0).any(axis=1)
+    if without.any():
+        wanted = np.zeros(blocks.grid.shape, dtype=bool)
+        near = blocks.voxels(edges.first[without])[:, None] - _CORNERS
+        wanted[tuple((near.reshape(-1, 3) // SIDE).T)] = True
+        blocks = blocks.joined(wanted)
+        around = _ring(blocks, edges)
+    return blocks, around
+
+
+def _ring(blocks: Blocks, edges: _Edges) -> Ints:
+    ring = np.empty((len(edges.first), 4), dtype=np.int64)
+    back = blocks.steps(-1)
+
+    def go_round(some: slice) -> None:
+        own, b, c = edges.first[some], (edges.axis[some] + 1) % 3, (edges.axis[some] + 2) % 3
+        before = back(own, b)
         # counter-clockwise about the axis
-        ring = own[:, None] - np.array([0, stride[b], stride[b] + stride[c], stride[c]])
-        around.append(np.where(edge.rising[:, None], ring, ring[:, ::-1]))
-    ids, corner = np.unique(np.concatenate(around), return_inverse=True)
-    cells = np.stack(np.unravel_index(ids, tuple(shape)), axis=1).astype(np.int64)
-    return cells, corner.reshape(-1, 4)
+        cells = np.stack([own, before, back(before, c), back(own, c)], axis=1)
+        ring[some] = np.where(edges.rising[some, None], cells, cells[:, ::-1])
+
+    in_parts(go_round, len(ring), _AT_ONCE)
+    return ring
 
 
 def _uncross(blocks: Blocks, values: Singles, cells: Ints) -> bool:

@@ -5,7 +5,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import DTypeLike
 from scipy.sparse import coo_array
+from scipy.sparse import csc_array
 from scipy.sparse.csgraph import connected_components
 
 from ivfmc_ros.model import Bools
@@ -26,6 +28,19 @@ class Loop:
     edges: int
     length: float
     center_xyz: tuple[float, float, float]
+
+
+def adding(faces: Ints, vertices: int, dtype: DTypeLike = np.float64) -> csc_array:
+    """Return the (vertices, faces) matrix that adds up what is given for the faces of each."""
+    corners = faces.shape[1]
+    return csc_array(
+        (
+            np.ones(faces.size, dtype=dtype),
+            faces.ravel(),
+            np.arange(0, faces.size + 1, corners),
+        ),
+        shape=(vertices, len(faces)),
+    )
 
 
 def pieces(faces: Ints, vertices: int) -> Ints:
