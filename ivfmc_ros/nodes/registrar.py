@@ -55,6 +55,13 @@ class Registrar(CellNode):
             high=10_000_000,
         )
         self.parameter(
+            'most_profiles',
+            50_000,
+            'Profiles that are kept at most, some 35 kB each; register refuses if more came.',
+            low=1,
+            high=10_000_000,
+        )
+        self.parameter(
             'merge', [], 'Ids of the scans that the service merge brings together.', kind=str
         )
         self.parameter('scan_root', 'scans', 'Folder of the scans, for merge.')
@@ -65,6 +72,7 @@ class Registrar(CellNode):
         )
         self._source = CellSource(self)
         self._profiles: dict[int, Profile] = {}
+        self._refused = 0
         self._stamp_ns = 0
         self._round = 0
         self._arrivals = Arrivals()
@@ -94,8 +102,11 @@ class Registrar(CellNode):
         profile = clouds.to_profile(message, 'profile')
         if profile.seq == 0 and self._profiles:
             # seq 0 begins a scan, whoever forgot to say so
-            self._profiles.clear()
-            self._arrivals = Arrivals()
+            self._forget()
+        if len(self._profiles) >= self.get('most_profiles'):
+            # a laser that shines while nobody scans must not fill the memory
+            self._refused += 1
+            return
         self._profiles[profile.seq] = profile
         self._stamp_ns = max(self._stamp_ns, profile.stamp_ns) if profile.seq else profile.stamp_ns
         if self.get('registration') == 'joint' and self._arrivals.add(profile):
@@ -123,10 +134,14 @@ class Registrar(CellNode):
 
     def _reset(self) -> Mapping[str, Any]:
         dropped = len(self._profiles)
-        self._profiles, self._round = {}, 0
-        self._arrivals = Arrivals()
+        self._forget()
+        self._round = 0
         self._source.reload()
         return {'dropped_profiles': dropped}
+
+    def _forget(self) -> None:
+        self._profiles, self._refused = {}, 0
+        self._arrivals = Arrivals()
 
     def _cancel(self) -> Mapping[str, Any]:
         if self._busy:
@@ -171,6 +186,11 @@ class Registrar(CellNode):
         if not self._profiles:
             topic = self.resolve_topic_name('profile')
             raise NoStripeError(f'registrar: no profile has come on {topic} since the last reset')
+        if self._refused:
+            raise LostProfilesError(
+                f'registrar: {self._refused} profiles came after the first {len(self._profiles)} '
+                'and were not kept; call reset, or raise most_profiles'
+            )
         # what is being placed must not come after what is final
         self._arrivals = Arrivals()
         profiles = [self._profiles[seq] for seq in sorted(self._profiles)]
@@ -198,13 +218,17 @@ class Registrar(CellNode):
 
     def before_diagnosis(self) -> None:
         """Tell what has been collected."""
-        count, missing = len(self._profiles), _missing(self._profiles)
-        message = f'{missing} profiles are missing' if missing else ''
-        level = Level.WARN if missing else Level.OK
+        missing = _missing(self._profiles)
+        level, message = Level.OK, ''
+        if self._refused:
+            level, message = Level.ERROR, f'{self._refused} profiles beyond most_profiles refused'
+        elif missing:
+            level, message = Level.WARN, f'{missing} profiles are missing'
         self.status(
             level,
             message,
-            profiles=count,
+            profiles=len(self._profiles),
+            refused=self._refused,
             placed=len(self._arrivals.poses),
             scan_id=self.get('scan_id'),
             busy=self._busy,

@@ -138,6 +138,20 @@ def test_register_waits_for_profiles_that_it_overtakes(client, cell_file, camera
         assert (good, answer['code']) == (False, 'PROFILES_LOST')
 
 
+def test_profiles_without_end_fill_no_memory(client, cell_file, camera_file, profiles):
+    files = {'cell': str(cell_file), 'camera': str(camera_file)}
+    with running('registrar', **files, most_profiles=len(profiles) - 2):
+        publish(client, profiles)
+        client.until(lambda: 'refused: 2' in client.diagnostic('registrar'))
+        good, answer = client.trigger('registrar/register')
+        assert (good, answer['code']) == (False, 'PROFILES_LOST')
+        assert 'raise most_profiles' in answer['detail']
+        assert client.trigger('registrar/reset')[1]['dropped_profiles'] == len(profiles) - 2
+        publish(client, profiles[:-2])
+        good, answer = client.trigger('registrar/register')
+        assert good, answer
+
+
 def test_a_cloud_without_the_fields_is_refused_by_name(client, cell_file, camera_file, profiles):
     with running('registrar', cell=str(cell_file), camera=str(camera_file)):
         publisher = client.publisher(PointCloud2, 'profile')
