@@ -31,6 +31,10 @@ _DRAIN_S = 120.0
 OWN_VIEWS = list(range(16))
 _CALM_S = 1.5
 _SPIN_S = 0.002
+# Who else publishes is discovered late on a busy machine, and its name later still.
+_LOOK_S = 1.0
+_NAME_S = 2.0
+_NAMELESS = '_NODE_NAME_UNKNOWN_'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,8 +150,10 @@ class BagPlayer:
 
         rate : times the recorded speed; 0.0 is as fast as pictures become profiles
         progress : is called with the number of messages that are out
+        :raises HelperError: somebody else begins to publish one of the topics
         """
         start: tuple[float, int] | None = None
+        looked = time.monotonic()
         for count, raw in enumerate(self._bag.messages(self._tracks.keys()), start=1):
             if rate > 0.0:
                 start = start or (time.monotonic(), raw.log_time_ns)
@@ -156,21 +162,31 @@ class BagPlayer:
             progress(count)
             if rate == 0.0:
                 self._hold_back()
+            if time.monotonic() - looked > _LOOK_S:
+                self._refuse_others()
+                looked = time.monotonic()
         self._drain()
 
     def _refuse_others(self) -> None:
-        own = self._client.node.get_name()
         for track in self._tracks.values():
-            name = self._client.node.resolve_topic_name(track.target)
-            infos = self._client.node.get_publishers_info_by_topic(name)
-            others = [info for info in infos if info.node_name != own]
-            if others:
-                names = ', '.join(sorted({f'{o.node_namespace}/{o.node_name}' for o in others}))
+            names = self._others(track)
+            end = time.monotonic() + _NAME_S
+            while any(_NAMELESS in name for name in names) and time.monotonic() < end:
+                self._client.spin(_SPIN_S)
+                names = self._others(track)
+            if names:
                 raise HelperError(
                     'BUSY',
-                    f'{track.target} is published by {names}; end that first '
+                    f'{track.target} is published by {", ".join(sorted(names))}; end that first '
                     "('ivfmc up --replay' starts no camera and no turntable)",
                 )
+
+    def _others(self, track: Track) -> set[str]:
+        """Return who publishes a topic beside us."""
+        node = self._client.node
+        infos = node.get_publishers_info_by_topic(node.resolve_topic_name(track.target))
+        own = node.get_name()
+        return {f'{i.node_namespace}/{i.node_name}' for i in infos if i.node_name != own}
 
     def _publish(self, raw: Raw) -> None:
         track = self._tracks[raw.topic]
