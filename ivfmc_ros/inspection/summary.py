@@ -38,9 +38,12 @@ def verdict(found: Inspection) -> str:
 
 
 def _surface(judged: Judged) -> dict[str, Any]:
+    lengths = asdict(judged.deviation)
+    count = lengths.pop('count')
     return {
         'name': judged.name,
-        **{f'{name}_m': value for name, value in asdict(judged.deviation).items()},
+        'vertices': count,
+        **{f'{name}_m': value for name, value in lengths.items()},
         'within': judged.within,
         'u_m': judged.uncertainty,
         'verdict': judged.verdict,

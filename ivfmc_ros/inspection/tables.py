@@ -107,7 +107,9 @@ def _cell(key: str, value: Any) -> str:
     if isinstance(value, Mapping):
         return _pairs(value)
     if isinstance(value, list | tuple):
-        return escape(', '.join(_number(key, item) for item in value))
+        # the rows of a matrix are lines
+        between = '<br>' if isinstance(value[0], list | tuple) else ', '
+        return between.join(_cell(key, item) for item in value)
     return verdict(str(value)) if key == 'verdict' else escape(_number(key, value))
 
 

@@ -62,7 +62,9 @@ def test_perfect_part_passes_and_one_that_is_too_large_fails():
     bad = inspect(large, nominal, InspectSettings(tolerance=0.05e-3))
     assert bad.whole.verdict == 'fail'
     assert bad.whole.deviation.mean > 0.1e-3
-    assert document(bad, InspectSettings())['verdict'] == 'fail'
+    said = document(bad, InspectSettings())
+    assert said['verdict'] == 'fail'
+    assert said['surface'][0]['vertices'] == len(large.vertices_xyz)
 
 
 def test_dent_shows_in_its_region_only():

@@ -11,7 +11,7 @@ from ivfmc_ros.inspection.tables import tables
 def rows(html):
     """The cells of each row, tags taken off."""
     cells = (re.findall(r'<t[dh]>(.*?)</t[dh]>', row) for row in re.findall('<tr>.*?</tr>', html))
-    return [[re.sub('<.*?>', '', cell) for cell in row] for row in cells]
+    return [[re.sub('<.*?>', '', cell.replace('<br>', '|')) for cell in row] for row in cells]
 
 
 @pytest.mark.parametrize(
@@ -23,6 +23,7 @@ def rows(html):
         ('jitter', 2.3e-4, ['jitter, ms', '0.23']),
         ('speed', math.radians(20), ['speed, deg/s', '20.00']),
         ('center_xyz_m', [1e-3, -2e-3, 0.0], ['center xyz, mm', '1.0000, -2.0000, 0.0000']),
+        ('T', [[1.0, 0.25], [0.0, 1e-9]], ['T', '1, 0.25|0, 1e-09']),
         ('faces', 1294636, ['faces', '1,294,636']),
         ('overlap', 0.9691679, ['overlap', '0.9692']),
         ('applied', False, ['applied', 'no']),
