@@ -8,11 +8,10 @@ lets expect, and the vertices follow them (Sun et al. 2007). A face across an ed
 differs by more and has no say, so that the edge stays.
 """
 
-from collections.abc import Iterator
-
 import numpy as np
-from scipy.sparse import csr_array
 
+from ivfmc_ros.meshing import topology
+from ivfmc_ros.meshing.parallel import in_parts
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
@@ -55,57 +54,59 @@ def neighbours(quads: Ints) -> Ints:
 
 def quad_normals(vertices: Floats, quads: Ints) -> Floats:
     """Return the (m, 3) unit normals: the cross product of the diagonals."""
-    a, b, c, d = (vertices[quads[:, k]] for k in range(4))
-    across = np.cross(c - a, d - b)
-    length = np.linalg.norm(across, axis=1, keepdims=True)
-    return np.asarray(across / np.maximum(length, 1e-30))
+    normals = np.empty((len(quads), 3))
+
+    def compute(some: slice) -> None:
+        a, b, c, d = (vertices.take(column, axis=0).T for column in quads[some].T)
+        (ax, ay, az), (bx, by, bz) = c - a, d - b
+        across = np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+        normals[some] = (across / np.maximum(np.linalg.norm(across, axis=0), 1e-30)).T
+
+    in_parts(compute, len(quads), _AT_ONCE)
+    return normals
 
 
 def filtered_normals(normals: Floats, around: Ints, noise: Floats, rounds: int) -> Singles:
     """Return the normals after ``rounds`` of averaging with those around that are alike."""
     limit = np.clip(_ALIKE * noise, _LEAST, _MOST).astype(np.float32)
     sharpness = -0.5 / (limit * limit)
-    single = normals.astype(np.float32)
+    # one array for each of x, y, z, and for each side of the quads: all runs along memory
+    single = np.ascontiguousarray(normals.T, dtype=np.float32)
+    after = np.empty_like(single)
+    sides = np.ascontiguousarray(around.T)
+
+    def average(some: slice) -> None:
+        x, y, z = own = single[:, some]
+        a, b, c = beside = [row.take(sides[:, some]) for row in single]
+        weight = np.exp((2.0 - 2.0 * (a * x + b * y + c * z)) * sharpness[some])
+        mean = own + np.stack([(weight * row).sum(axis=0) for row in beside])
+        after[:, some] = mean / np.maximum(np.sqrt((mean * mean).sum(axis=0)), 1e-12)
+
     for _ in range(rounds):
-        after = np.empty_like(single)
-        for some in _portions(len(single)):
-            own, beside = single[some], single[around[some]]
-            unlike = 2.0 - 2.0 * np.einsum('mkc,mc->mk', beside, own)
-            weight = np.exp(unlike * sharpness[some, None])
-            mean = own + np.einsum('mk,mkc->mc', weight, beside)
-            length = np.sqrt(np.einsum('mc,mc->m', mean, mean))
-            after[some] = mean / np.maximum(length, 1e-12)[:, None]
-        single = after
-    return single
-
-
-def _portions(count: int) -> Iterator[slice]:
-    """Give all of an array in parts that stay in the processor's cache."""
-    for start in range(0, count, _AT_ONCE):
-        yield slice(start, start + _AT_ONCE)
+        in_parts(average, len(normals), _AT_ONCE)
+        single, after = after, single
+    return np.ascontiguousarray(single.T)
 
 
 def _followed(vertices: Floats, quads: Ints, normals: Singles, leash: float) -> Floats:
     """Move each vertex to the mean of its projections on the planes of its faces."""
     count = len(vertices)
-    # row v has a one for each face at vertex v
-    at_vertex = csr_array(
-        (
-            np.ones(quads.size, dtype=np.float32),
-            (quads.ravel(), np.repeat(np.arange(len(quads)), 4)),
-        ),
-        shape=(count, len(quads)),
-    )
-    faces = np.maximum(at_vertex @ np.ones(len(quads), dtype=np.float32), 1.0)[:, None]
+    adding = topology.adding(quads, count, np.float32)
+    faces = np.maximum(np.bincount(quads.ravel(), minlength=count), 1).astype(np.float32)
     # the sum of n (n.(c - v)) over faces is that of n (n.c), less that of n n^T times v
     x, y, z = normals.T
-    squares = at_vertex @ np.stack([x * x, y * y, z * z, x * y, y * z, z * x], axis=1)
+    squares = adding @ np.stack([x * x, y * y, z * z, x * y, y * z, z * x], axis=1)
     start = vertices.astype(np.float32)
-    moved = start
+    moved = start.copy()
     for _ in range(_VERTEX_ROUNDS):
-        pushed = _pushed(moved, quads, normals)
-        moved = moved + (at_vertex @ pushed - _times(squares, moved)) / faces
-        np.clip(moved, start - leash, start + leash, out=moved)
+        total = adding @ _pushed(moved, quads, normals)
+
+        def move(some: slice, total: Singles = total) -> None:
+            step = (total[some].T - _times(squares[some].T, moved[some].T)) / faces[some]
+            there, leashed = moved[some] + step.T, start[some]
+            np.clip(there, leashed - leash, leashed + leash, out=moved[some])
+
+        in_parts(move, count, _AT_ONCE)
     return np.asarray(moved, dtype=np.float64)
 
 
@@ -127,19 +128,21 @@ def unfolded(start: Floats, moved: Floats, quads: Ints) -> Floats:
 def _folded(vertices: Floats, quads: Ints, normals: Floats) -> Bools:
     """Tell of which quads a corner looks away from the normal that is given for it."""
     single = vertices.astype(np.float32)
-    parts = [_folded_of(single[quads[some]], normals[some]) for some in _portions(len(quads))]
-    return np.concatenate(parts)
+    folded = np.empty(len(quads), dtype=bool)
+
+    def look(some: slice) -> None:
+        folded[some] = _folded_of(single.take(quads[some].T, axis=0), normals[some])
+
+    in_parts(look, len(quads), _AT_ONCE)
+    return folded
 
 
 def _folded_of(corners_xyz: Singles, normals: Floats) -> Bools:
     nx, ny, nz = np.ascontiguousarray(normals.T, dtype=np.float32)
-    corners = np.moveaxis(corners_xyz, 0, 2)
-    sides = [
-        (b[0] - a[0], b[1] - a[1], b[2] - a[2])
-        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)
-    ]
+    corners = np.ascontiguousarray(np.moveaxis(corners_xyz, 2, 1))
+    sides = np.roll(corners, -1, axis=0) - corners
     folded = np.zeros(len(normals), dtype=bool)
-    for (ax, ay, az), (bx, by, bz) in zip([sides[-1], *sides[:-1]], sides, strict=True):
+    for (ax, ay, az), (bx, by, bz) in zip(np.roll(sides, 1, axis=0), sides, strict=True):
         across = (ay * bz - az * by) * nx + (az * bx - ax * bz) * ny + (ax * by - ay * bx) * nz
         folded |= across < 0.0
     return folded
@@ -148,18 +151,19 @@ def _folded_of(corners_xyz: Singles, normals: Floats) -> Bools:
 def _pushed(vertices: Singles, quads: Ints, normals: Singles) -> Singles:
     """Return (m, 3) the normals, as long as the middles of the quads are high along them."""
     pushed = np.empty_like(normals)
-    for some in _portions(len(quads)):
+
+    def push(some: slice) -> None:
         normal = normals[some]
-        a, b, c, d = (vertices[column] for column in quads[some].T)
+        a, b, c, d = (vertices.take(column, axis=0) for column in quads[some].T)
         height = np.float32(0.25) * np.einsum('mc,mc->m', normal, a + b + c + d)
         pushed[some] = height[:, None] * normal
+
+    in_parts(push, len(quads), _AT_ONCE)
     return pushed
 
 
 def _times(squares: Singles, vectors: Singles) -> Singles:
-    """Multiply (n, 3) vectors by symmetric matrices (n, 6): xx, yy, zz, xy, yz, zx."""
-    xx, yy, zz, xy, yz, zx = squares.T
-    x, y, z = vectors.T
-    return np.stack(
-        [xx * x + xy * y + zx * z, xy * x + yy * y + yz * z, zx * x + yz * y + zz * z], 1
-    )
+    """Multiply (3, n) vectors by symmetric matrices (6, n): xx, yy, zz, xy, yz, zx."""
+    xx, yy, zz, xy, yz, zx = squares
+    x, y, z = np.ascontiguousarray(vectors)
+    return np.stack([xx * x + xy * y + zx * z, xy * x + yy * y + yz * z, zx * x + yz * y + zz * z])
