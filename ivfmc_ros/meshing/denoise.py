@@ -11,6 +11,7 @@ differs by more and has no say, so that the edge stays.
 import numpy as np
 
 from ivfmc_ros.meshing import topology
+from ivfmc_ros.meshing.normals import cross
 from ivfmc_ros.meshing.parallel import in_parts
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
@@ -54,16 +55,15 @@ def neighbours(quads: Ints) -> Ints:
 
 def quad_normals(vertices: Floats, quads: Ints) -> Floats:
     """Return the (m, 3) unit normals: the cross product of the diagonals."""
-    normals = np.empty((len(quads), 3))
+    found = np.empty((len(quads), 3))
 
     def compute(some: slice) -> None:
         a, b, c, d = (vertices.take(column, axis=0).T for column in quads[some].T)
-        (ax, ay, az), (bx, by, bz) = c - a, d - b
-        across = np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-        normals[some] = (across / np.maximum(np.linalg.norm(across, axis=0), 1e-30)).T
+        across = cross(c - a, d - b)
+        found[some] = (across / np.maximum(np.linalg.norm(across, axis=0), 1e-30)).T
 
     in_parts(compute, len(quads), _AT_ONCE)
-    return normals
+    return found
 
 
 def filtered_normals(normals: Floats, around: Ints, noise: Floats, rounds: int) -> Singles:

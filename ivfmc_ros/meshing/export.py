@@ -16,6 +16,7 @@ from ivfmc_ros import files
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.meshing import normals
 from ivfmc_ros.meshing import threemf
+from ivfmc_ros.meshing.parallel import each_part
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import MEASURED
@@ -23,6 +24,7 @@ from ivfmc_ros.model import Mesh
 
 # metres -> unit
 UNITS = {'m': 1.0, 'mm': 1e3, 'inch': 1.0 / 0.0254}
+_AT_ONCE = 1 << 15  # faces
 
 _STL_FACE = np.dtype([('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('attribute', '<u2')])
 
@@ -78,13 +80,18 @@ def _scale(unit: str) -> float:
 
 
 def _stl(stream: BinaryIO, mesh: Mesh, vertices: Floats, unit: str) -> None:
-    records = np.zeros(len(mesh.faces), dtype=_STL_FACE)
-    records['normal'] = np.nan_to_num(normals.of_faces(vertices, mesh.faces))
-    records['corners'] = vertices[mesh.faces]
     # readers take a file whose header begins with 'solid' for the text format
     stream.write(f'ivfmc_ros binary STL, unit {unit}'.encode().ljust(80))
-    stream.write(np.array(len(records), dtype='<u4').tobytes())
-    stream.write(records.tobytes())
+    stream.write(np.array(len(mesh.faces), dtype='<u4').tobytes())
+
+    def records(some: slice) -> bytes:
+        faces = np.zeros(some.stop - some.start, dtype=_STL_FACE)
+        faces['normal'] = np.nan_to_num(normals.of_faces(vertices, mesh.faces[some]))
+        faces['corners'] = vertices.take(mesh.faces[some], axis=0)
+        return faces.tobytes()
+
+    for part in each_part(records, len(mesh.faces), _AT_ONCE):
+        stream.write(part)
 
 
 def _ply(stream: BinaryIO, mesh: Mesh, vertices: Floats, unit: str) -> None:

@@ -20,6 +20,7 @@ from ivfmc_ros.meshing import pieces
 from ivfmc_ros.meshing import topology
 from ivfmc_ros.meshing import volume
 from ivfmc_ros.meshing.carve import carve
+from ivfmc_ros.meshing.parallel import in_parts
 from ivfmc_ros.meshing.samples import Samples
 from ivfmc_ros.meshing.settings import MeshSettings
 from ivfmc_ros.meshing.spread import Spread
@@ -47,6 +48,7 @@ _FACING_DOWN = -0.5  # cosine
 _MEAN_KERNEL = 1.0 / (np.sqrt(2.0 * np.pi) * field.SPREAD * 4.0 * np.pi * field.SPREAD**2)
 # Diagonals whose halves are bent alike within this (cosine) are chosen by their length.
 _ALIKE = 0.01
+_AT_ONCE = 1 << 14  # quads
 _LAST_KIND = {'none': BRIDGED, 'base': BASE, 'all': FILLED}
 
 
@@ -155,7 +157,7 @@ def _mesh(
     vertices_xyz: Floats, quads: Ints, shell: _Shell, voxel: float, settings: MeshSettings
 ) -> Mesh:
     keep, flying = _wanted(vertices_xyz, quads, shell.kind, voxel, settings)
-    if not keep.any():
+    if not len(keep):
         raise GeometryError(
             f'meshing: no piece of surface has {settings.island} triangles; lower island'
         )
@@ -175,39 +177,48 @@ def _mesh(
 
 def _wanted(
     vertices_xyz: Floats, quads: Ints, kind: Kinds, voxel: float, settings: MeshSettings
-) -> tuple[Bools, int]:
-    """Tell which quadrilaterals become part of the mesh, and how many pieces of them fly."""
-    keep = kind <= _LAST_KIND[settings.close]
+) -> tuple[Ints, int]:
+    """Return which quadrilaterals become part of the mesh, and how many pieces of them fly."""
     count = len(vertices_xyz)
+    chosen = np.flatnonzero(kind <= _LAST_KIND[settings.close])
+    piece = topology.pieces(quads[chosen], count)
     for _ in range(2):
-        chosen = np.flatnonzero(keep)
-        keep[chosen] = pieces.solid(quads[chosen], kind[chosen], count, settings.island // 2)
+        solid = pieces.solid(piece, kind[chosen], settings.island // 2)
+        chosen, piece = chosen[solid], piece[solid]
         if settings.close == 'all':
             break
-        chosen = np.flatnonzero(keep)
-        keep[chosen] = topology.without_bow_ties(quads[chosen], count)
-    chosen = np.flatnonzero(keep)
-    gone, flying = pieces.flying(vertices_xyz, quads[chosen], voxel)
-    keep[chosen[gone]] = False
-    return keep, flying
+        untied = topology.without_bow_ties(quads[chosen], count)
+        if untied.all():
+            break
+        chosen = chosen[untied]
+        piece = topology.pieces(quads[chosen], count)
+    gone, flying = pieces.flying(vertices_xyz, quads[chosen], piece, voxel)
+    return chosen[~gone], flying
 
 
 def _halves(vertices_xyz: Floats, quads: Ints) -> Ints:
     """Cut each quadrilateral along the diagonal across which it is less bent."""
-    single = vertices_xyz.astype(np.float32)
-    a, b, c, d = (single[quads[:, k]] for k in range(4))
+    single, count = vertices_xyz.astype(np.float32), len(quads)
+    faces = np.empty((2 * count, 3), dtype=np.int64)
+
+    def cut(some: slice) -> None:
+        corner = quads[some]
+        along_ac = _cut_along_ac(single.take(corner.T, axis=0))[:, None]
+        faces[some] = np.where(along_ac, corner[:, [0, 1, 2]], corner[:, [0, 1, 3]])
+        second = slice(count + some.start, count + some.stop)
+        faces[second] = np.where(along_ac, corner[:, [0, 2, 3]], corner[:, [1, 2, 3]])
+
+    in_parts(cut, count, _AT_ONCE)
+    return faces
+
+
+def _cut_along_ac(corners_xyz: Singles) -> Bools:
+    a, b, c, d = np.ascontiguousarray(np.moveaxis(corners_xyz, 2, 1))
     bent = []
     for first, second in (((a, b, c), (a, c, d)), ((a, b, d), (b, c, d))):
-        one, two = (np.cross(q - p, r - p) for p, q, r in (first, second))
-        lengths = np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1)
-        bent.append((one * two).sum(axis=1) / np.maximum(lengths, 1e-30))
-    along_ac = bent[0] > bent[1]
+        one, two = (normals.cross(q - p, r - p) for p, q, r in (first, second))
+        lengths = np.sqrt((one * one).sum(axis=0)) * np.sqrt((two * two).sum(axis=0))
+        bent.append((one * two).sum(axis=0) / np.maximum(lengths, 1e-30))
     alike = np.abs(bent[0] - bent[1]) < _ALIKE
-    shorter = ((c - a) ** 2).sum(axis=1) <= ((d - b) ** 2).sum(axis=1)
-    cut = np.where(alike, shorter, along_ac)[:, None]
-    return np.concatenate(
-        [
-            np.where(cut, quads[:, [0, 1, 2]], quads[:, [0, 1, 3]]),
-            np.where(cut, quads[:, [0, 2, 3]], quads[:, [1, 2, 3]]),
-        ]
-    )
+    shorter = ((c - a) ** 2).sum(axis=0) <= ((d - b) ** 2).sum(axis=0)
+    return np.asarray(np.where(alike, shorter, bent[0] > bent[1]))

@@ -4,8 +4,12 @@
 
 import numpy as np
 
+from ivfmc_ros.meshing import topology
+from ivfmc_ros.meshing.parallel import in_parts
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
+
+_AT_ONCE = 1 << 14  # faces
 
 
 def of_vertices(vertices_xyz: Floats, faces: Ints) -> Floats:
@@ -16,23 +20,31 @@ def of_vertices(vertices_xyz: Floats, faces: Ints) -> Floats:
     returns : (n, 3) float64, unit; NaN at a vertex without a face of some area
     """
     # the cross product is twice the area long, which is the weight
-    across = np.cross(
-        vertices_xyz[faces[:, 1]] - vertices_xyz[faces[:, 0]],
-        vertices_xyz[faces[:, 2]] - vertices_xyz[faces[:, 0]],
-    )
-    count = len(vertices_xyz)
-    corner = faces.ravel()
-    total = np.stack(
-        [np.bincount(corner, np.repeat(across[:, k], 3), minlength=count) for k in range(3)],
-        axis=1,
-    )
+    across = np.empty((len(faces), 3))
+
+    def compute(some: slice) -> None:
+        across[some] = _across(vertices_xyz, faces[some])
+
+    in_parts(compute, len(faces), _AT_ONCE)
+    total = topology.adding(faces, len(vertices_xyz)) @ across
     with np.errstate(invalid='ignore'):
-        return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
+        total /= np.sqrt(np.einsum('nc,nc->n', total, total))[:, None]
+    return np.asarray(total)
 
 
 def of_faces(vertices_xyz: Floats, faces: Ints) -> Floats:
     """Return (m, 3) unit normals of faces; NaN for one without area."""
-    corners = vertices_xyz[faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    across = _across(vertices_xyz, faces)
     with np.errstate(invalid='ignore'):
         return np.asarray(across / np.linalg.norm(across, axis=1, keepdims=True))
+
+
+def _across(vertices_xyz: Floats, faces: Ints) -> Floats:
+    a, b, c = (vertices_xyz.take(column, axis=0).T for column in faces.T)
+    return np.ascontiguousarray(cross(b - a, c - a).T)
+
+
+def cross(first: Floats, second: Floats) -> Floats:
+    """Return the (3, n) cross products of (3, n) vectors."""
+    (ax, ay, az), (bx, by, bz) = first, second
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])

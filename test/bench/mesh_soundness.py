@@ -17,6 +17,7 @@ from bench import Number
 from bench.mesh_methods import ball
 from bench.mesh_methods import timed
 from ivfmc_ros.meshing.build import build_mesh
+from ivfmc_ros.meshing.integrate import integrate
 from ivfmc_ros.meshing.settings import MeshSettings
 from ivfmc_ros.model import Poses
 
@@ -50,13 +51,14 @@ def soundness(seeds: int = SEEDS) -> Iterator[Number]:
 def scaling() -> Iterator[Number]:
     """Processor time from points to a closed mesh on disk, and the memory of the largest."""
     settings = MeshSettings(close='all', floor=None)
-    seconds = []
+    took = []
     for count in COUNTS:
         # as many vertices as points: about 1.5 a voxel's face
         voxel = float(np.sqrt(1.6 * 4 * np.pi * 0.03**2 / count))
-        seconds.append(timed(ball(count), voxel, settings)[0])
-    slope = np.polyfit(np.log(COUNTS), np.log(seconds), 1)[0]
-    note = ', '.join(f'{n / 1e6:g} M {s:.1f} s' for n, s in zip(COUNTS, seconds, strict=True))
+        points = ball(count)
+        took.append(timed(lambda p=points, v=voxel: integrate(p, v, settings))[0])
+    slope = np.polyfit(np.log(COUNTS), np.log([each.processor for each in took]), 1)[0]
+    note = ', '.join(f'{n / 1e6:g} M {each}' for n, each in zip(COUNTS, took, strict=True))
     yield Number('exponent of the time', slope, '', at_most(1.15), note)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / COUNTS[-1]
     yield Number('peak memory per point', peak, 'byte', note='of the whole process, 10 M points')
