@@ -22,6 +22,7 @@ from sensor_msgs.msg import Image
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
+from std_msgs.msg import Header
 from std_msgs.msg import UInt64
 from visualization_msgs.msg import Marker
 
@@ -56,6 +57,7 @@ TYPES = {
 }
 _OF_CAMERA = ('image_raw', 'image_raw/compressed', 'camera_info')
 _PUBLISH_S = 0.05
+_LOOK_S = 0.5
 
 
 class Recorder(CellNode):
@@ -86,7 +88,16 @@ class Recorder(CellNode):
             low=16,
             high=65536,
         )
+        self.parameter(
+            'orchestrator_patience',
+            30.0,
+            'Seconds without a heartbeat of the orchestrator after which its recording is ended; '
+            '0: never.',
+            low=0.0,
+            high=3600.0,
+        )
         self._recorder: LiveRecorder | None = None
+        self._led_s: float | None = None
         self._notes: Notes | None = None
         self._told: int | None = None
         self._ending: Future | None = None
@@ -94,7 +105,9 @@ class Recorder(CellNode):
         self._listening = [self._listen(name) for name in self.get('topics')]
         self.trigger('start', self._start)
         self.trigger('stop', self._stop)
+        self.subscribe(Header, 'orchestrator/heartbeat', self._hear_orchestrator)
         self.steady_timer(_PUBLISH_S, self._tell)
+        self.steady_timer(_LOOK_S, self._look)
 
     def stop(self) -> None:
         """End the bag, so that it can be read."""
@@ -156,8 +169,8 @@ class Recorder(CellNode):
         folder, scan_id = self.get('scan_folder'), self.get('scan_id')
         if not folder or not scan_id:
             raise ParameterError('recorder: scan_folder and scan_id must be set before start')
-        self._told = None
-        for trouble in ('disk', 'catalogue', 'file'):
+        self._told = self._led_s = None
+        for trouble in ('disk', 'catalogue', 'file', 'orchestrator'):
             self.health.clear(trouble)
         notes = Notes(Catalogue(Path(folder).parent, create=True))
         try:
@@ -196,6 +209,29 @@ class Recorder(CellNode):
             'recorded': recorder.recorded,
             'catalogue_error': self._notes.error if self._notes is not None else '',
         }
+
+    def _hear_orchestrator(self, _: Header) -> None:
+        self._led_s = self.steady_s()
+
+    def _look(self) -> None:
+        """End what nobody else will: pictures without end fill the disk."""
+        patience = self.get('orchestrator_patience')
+        if self._recorder is None or self._led_s is None or not patience:
+            return
+        silent = self.steady_s() - self._led_s
+        if silent > patience:
+            text = f'silent for {silent:.0f} s; the recording was ended'
+            self.health.set('orchestrator', Level.ERROR, text)
+            self.executor.create_task(self._stop_alone)
+
+    async def _stop_alone(self) -> None:
+        try:
+            await self._stop()
+        except StateError:
+            # somebody was faster
+            return
+        except ScanError as error:
+            self.trouble('file', error)
 
     def _tell(self) -> None:
         if self._recorder is not None:

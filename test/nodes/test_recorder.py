@@ -9,6 +9,7 @@ import pytest
 from sensor_msgs.msg import Image
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
 from std_msgs.msg import UInt64
 
 from ivfmc_ros.model import Profile
@@ -162,3 +163,34 @@ def test_profile_without_its_fields_is_reported_by_name(client, scan):
     message.fields = [field for field in message.fields if field.name != 'seq']
     profiles.publish(message)
     client.until(lambda: "'seq'" in client.diagnostic('recorder'), what='no diagnostic')
+
+
+def test_recording_of_an_orchestrator_that_died_is_ended(client, scan):
+    profiles = client.publisher(PointCloud2, 'profile')
+    beats = client.publisher(Header, 'orchestrator/heartbeat')
+    ready(client, profiles, beats)
+    client.set('recorder', orchestrator_patience=1.0)
+    try:
+        assert client.trigger('recorder/start')[0]
+        profiles.publish(profile(0))
+        for _ in range(20):
+            beats.publish(Header(frame_id='orchestrator'))
+            client.spin(0.1)
+        # while its heart beats it may take its time
+        assert not (scan / 'scan.mcap').exists()
+        client.until((scan / 'scan.mcap').exists, 10.0, 'the bag was not ended')
+        client.until(lambda: 'orchestrator: silent for' in client.diagnostic('recorder'))
+        assert [p.seq for p in stored_profiles(Catalogue(scan.parent), 's1')] == [0]
+        assert client.trigger('recorder/stop')[1]['code'] == 'WRONG_STATE'
+    finally:
+        client.set('recorder', orchestrator_patience=30.0)
+
+
+def test_recording_that_nobody_leads_goes_on(client, scan):
+    client.set('recorder', orchestrator_patience=0.5)
+    try:
+        assert client.trigger('recorder/start')[0]
+        client.spin(2.0)
+        assert client.trigger('recorder/stop')[0]
+    finally:
+        client.set('recorder', orchestrator_patience=30.0)
