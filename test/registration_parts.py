@@ -20,13 +20,21 @@ from rendered_stripes import jobs_of
 from rendered_stripes import rendered_stripes
 
 from ivfmc_ros.cell import transforms
+from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import GeometryError
+from ivfmc_ros.model import View
 from ivfmc_ros.registration.align import align
+from ivfmc_ros.registration.calibrated import prior_covariance
 from ivfmc_ros.registration.incremental import Incremental
 from ivfmc_ros.registration.joint import pose_values
+from ivfmc_ros.registration.measured import measured
+from ivfmc_ros.registration.measured import refined_view
 from ivfmc_ros.registration.merge import merge
+from ivfmc_ros.registration.prior import CellPrior
 from ivfmc_ros.registration.prior import TablePrior
 from ivfmc_ros.registration.refine import refine
+from ivfmc_ros.registration.refine import Refined
+from ivfmc_ros.registration.unknowns import CellUnknowns
 from ivfmc_ros.simulation.bench import axial_plane
 from ivfmc_ros.simulation.bench import bench_cell
 from ivfmc_ros.simulation.parts import box
@@ -100,20 +108,58 @@ class Pull(NamedTuple):
     size: float
 
 
-def refined(case: tuple[str, int]) -> tuple[float, list[Pull]]:
-    """Return the share of the error that is left, and the pulls."""
+class Corrected(NamedTuple):
+    """
+    What a refinement came to.
+
+    left : share of the error that is left; exact : the same if data had told without any noise
+    what they told clearly; pulls : of the observed unknowns
+    """
+
+    left: float
+    exact: float
+    pulls: list[Pull]
+
+
+def refined(case: tuple[str, int]) -> Corrected:
     name, seed = case
     scan, errors = recording(name), Errors(seed=seed, order=ORDERS[seed % len(ORDERS)])
     believed, views = scan.erring(errors)
     found = refine(believed, views, GROUPS)
-    left = share_left(scan.rms(views), scan.rms(found.views, found.poses), scan.perfect)
+    uncorrected = scan.rms(views)
     truth = scan.truth(believed, errors, found.height)
+    exact = scan.rms(_told_exactly(believed, views, found, truth))
     pulls = [
         Pull(one.name, float(abs(one.value - truth.get(one.name, 0.0)) / one.sigma))
         for one in found.estimates
         if one.observed
     ]
-    return left, pulls
+    return Corrected(
+        left=share_left(uncorrected, scan.rms(found.views, found.poses), scan.perfect),
+        exact=share_left(uncorrected, exact, scan.perfect),
+        pulls=pulls,
+    )
+
+
+def _told_exactly(
+    believed: Cell, views: list[View], found: Refined, truth: dict[str, float]
+) -> list[View]:
+    """Return the views by the most probable cell, had the data no noise where they tell."""
+    unknowns = CellUnknowns(
+        cell=believed, groups=frozenset(GROUPS), height=found.height, prior=CellPrior()
+    )
+    prior = prior_covariance(unknowns)
+    true = np.array([truth.get(name, 0.0) for name in unknowns.names])
+    values = (prior - found.covariance) @ np.linalg.solve(prior, true)
+    return [refined_view(measured(believed, view), unknowns, values) for view in views]
+
+
+def known_angle(seed: int) -> float:
+    """Return the share of the error that is left on the flange if the table does not err."""
+    scan, errors = recording('flange'), Errors(seed=seed, order=1, table_errs=False)
+    believed, views = scan.erring(errors)
+    found = refine(believed, views, ('axis', 'lasers'))
+    return share_left(scan.rms(views), scan.rms(found.views, found.poses), scan.perfect)
 
 
 def blind_order(seed: int) -> tuple[int, float]:

@@ -37,6 +37,7 @@ class Errors:
     seed: int
     order: int
     cell_errs: bool = True
+    table_errs: bool = True
 
     @property
     def rng(self) -> np.random.Generator:
@@ -47,7 +48,11 @@ class Errors:
         return float(self.rng.uniform(0.0, 2.0 * np.pi))
 
     def of_angle(self, angles: Floats) -> Floats:
-        return np.asarray(ANGLE * np.cos(self.order * angles + self.phase))
+        return np.asarray(self.table_errs * ANGLE * np.cos(self.order * angles + self.phase))
+
+    @property
+    def backlash(self) -> float:
+        return self.table_errs * BACKLASH
 
     def cell(self, cell: Cell) -> Cell:
         return erring_cell(cell, self.rng) if self.cell_errs else cell
@@ -91,7 +96,7 @@ class Recording:
                 sweep,
                 commanded=sweep.true
                 - errors.of_angle(sweep.true)
-                - 0.5 * BACKLASH * (-1) ** sweep.laser,
+                - 0.5 * errors.backlash * (-1) ** sweep.laser,
             )
             for sweep in self.sweeps
         ]

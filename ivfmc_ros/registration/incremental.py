@@ -20,7 +20,9 @@ from ivfmc_ros.registration.table import place_on
 from ivfmc_ros.registration.verdict import Verdict
 
 # So few samples of a view are enough for a first placing, each the mean of so many rows at most.
-_MOST, _ROWS = 800, 3
+_MOST, _ROWS = 700, 3
+# How far rows are apart is seen in each so many-th profile.
+_FEW = 5
 
 
 @dataclass(kw_only=True)
@@ -78,7 +80,7 @@ class Incremental:
 
 def _thinned(view: View, edge: float) -> View:
     """Return some rows of a view: a camera has many more of them than a placing needs."""
-    down = np.linalg.norm(np.diff(view.points_xyz, axis=0), axis=2)
+    down = np.linalg.norm(np.diff(view.points_xyz[:, ::_FEW], axis=0), axis=2)
     known = down[np.isfinite(down)]
     every = int(edge / _ROWS / np.median(known)) if known.size and np.median(known) > 0 else 1
     some = slice(None, None, max(every, 1))

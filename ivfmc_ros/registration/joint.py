@@ -22,6 +22,9 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.registration.observed import Solution
 from ivfmc_ros.registration.observed import solve
+from ivfmc_ros.registration.pace import coarse_reaches
+from ivfmc_ros.registration.pace import Pace
+from ivfmc_ros.registration.pace import THOROUGH
 from ivfmc_ros.registration.pairs import match
 from ivfmc_ros.registration.pairs import Pairs
 from ivfmc_ros.registration.pairs import reach_of
@@ -36,7 +39,6 @@ from ivfmc_ros.registration.system import System
 _LEAST_PAIRS = 30
 # While it is coarse, a view speaks through about so many patches.
 _COARSE = 1500
-_COARSE_STEPS, _MIDDLE_STEPS, _FINE_STEPS = 6, 3, 12
 # Weights fall to a quarter at the reach over this: what few features tell must not be taken for
 # outliers as long as it may be the error that is looked for.
 _WIDTHS = 3.0
@@ -44,8 +46,6 @@ _WIDTHS = 3.0
 _LAST = 6.0
 # Whole regions are displaced by this share of a patch's sigma: quadrics are not the surface.
 _LASTING = 0.3
-# Solved when no view moves by more than this share of a patch's sigma.
-_STILL = 0.02
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -99,7 +99,11 @@ class Joint:
 
 
 def solve_jointly(
-    scene: Scene, prior_root: Floats, reach: float, start: Joint | None = None
+    scene: Scene,
+    prior_root: Floats,
+    reach: float,
+    start: Joint | None = None,
+    pace: Pace = THOROUGH,
 ) -> Joint:
     """
     Find all poses, and what the data tell of the cell.
@@ -112,9 +116,9 @@ def solve_jointly(
     views = len(scene.patches)
     values = np.zeros(len(prior_root)) if start is None else _values(start)
     pairs = list(combinations(range(views), 2))
-    steps = _Steps(scene=scene, prior_root=prior_root, size=_size(scene.patches))
+    steps = _Steps(scene=scene, prior_root=prior_root, size=_size(scene.patches), pace=pace)
     if start is None:
-        for gap in _coarse_reaches(reach, scene.edge):
+        for gap in coarse_reaches(reach, scene.edge):
             values, pairs = steps.coarse(values, pairs, gap)
     return steps.fine(values, pairs, reach)
 
@@ -124,11 +128,12 @@ class _Steps:
     scene: Scene
     prior_root: Floats
     size: float
+    pace: Pace
 
     def coarse(
         self, values: Floats, pairs: list[tuple[int, int]], gap: float
     ) -> tuple[Floats, list[tuple[int, int]]]:
-        for _ in range(_COARSE_STEPS):
+        for _ in range(self.pace.coarse):
             blocks = self._blocks(values, pairs, gap, coarse=True)
             pairs = [(block.a, block.b) for block in blocks]
             _, solution = self._solved(blocks, values, gap, None)
@@ -139,10 +144,11 @@ class _Steps:
 
     def fine(self, values: Floats, pairs: list[tuple[int, int]], reach: float) -> Joint:
         last = self._last_reach(values, pairs, reach)
-        for gap in _coarse_reaches(min(reach, self.scene.edge), last):
-            values, _, _, _ = self._settled(values, pairs, gap, _MIDDLE_STEPS, None)
+        between = coarse_reaches(min(reach, self.scene.edge), last) if self.pace.middle else []
+        for gap in between:
+            values, _, _, _ = self._settled(values, pairs, gap, self.pace.middle, None)
         values, system, solution, moved = self._settled(
-            values, pairs, last, _FINE_STEPS, self.scene.edge
+            values, pairs, last, self.pace.fine, self.scene.edge
         )
         return Joint(
             poses=_poses(values, self._views),
@@ -166,10 +172,10 @@ class _Steps:
             blocks = self._blocks(values, pairs, gap, coarse=False)
             system, solution = self._solved(blocks, values, gap, edge, fixed)
             # a direction that is just seen, and just not seen, would move to and fro for ever
-            fixed = solution.directions if step >= _MIDDLE_STEPS else None
+            fixed = solution.directions if step >= self.pace.middle else None
             moved = self._moved(values, solution) / self._noise()
             values = _stepped(values, solution, self._views)
-            if moved < _STILL:
+            if moved < self.pace.still:
                 break
         return values, system, solution, moved
 
@@ -264,14 +270,6 @@ def pose_values(T: Floats) -> Floats:
     return np.concatenate([Rotation.from_matrix(T[:3, :3]).as_rotvec(), T[:3, 3]])
 
 
-def _coarse_reaches(reach: float, last: float) -> list[float]:
-    """Return reaches from the first to the first that is not above the last, metres."""
-    reaches = [reach]
-    while reaches[-1] > last:
-        reaches.append(reaches[-1] / 2.5)
-    return reaches[:-1] if len(reaches) > 1 else reaches
-
-
 def _values(joint: Joint) -> Floats:
     return np.concatenate([*map(pose_values, joint.poses), joint.cell_values])
 
@@ -286,11 +284,12 @@ def _poses(values: Floats, views: int) -> Floats:
 
 def _stepped(values: Floats, solution: Solution, views: int) -> Floats:
     """Return the unknowns after a step; poses are moved on, because rotations do not add up."""
-    change = solution.values - values
     stepped = solution.values.copy()
-    old, moves = _poses(values, views), _poses(change, views)
-    for view in range(views):
-        stepped[DOF * view : DOF * (view + 1)] = pose_values(moves[view] @ old[view])
+    moved = _poses(solution.values - values, views) @ _poses(values, views)
+    if views:
+        poses = stepped[: DOF * views].reshape(views, DOF)
+        poses[:, :3] = Rotation.from_matrix(moved[:, :3, :3]).as_rotvec()
+        poses[:, 3:] = moved[:, :3, 3]
     return stepped
 
 

@@ -104,7 +104,7 @@ def _fit(
     window = np.where(known, (1 - (np.minimum(distance, 1e9) / (_RADIUS * edge)) ** 2) ** 2, 0.0)
     local = (points[members] - points[centre][:, None]) / edge
     frame, slim = _frames(local, window, samples.outward[centre])
-    in_frame = np.einsum('nkc,ncd->nkd', local, frame)
+    in_frame = local @ frame
     weights, slopes, rough = _quadric(in_frame, window)
     height = (weights * in_frame[:, :, 2]).sum(axis=1)
     normals = frame[:, :, 2] - np.einsum('nd,ncd->nc', slopes, frame[:, :, :2])
@@ -125,7 +125,7 @@ def _frames(local: Floats, window: Floats, outward: Floats) -> tuple[Floats, Boo
     """Return (n, 3, 3) axes in columns, the normal last, and which neighbours are a line."""
     mean = (window[..., None] * local).sum(axis=1) / window.sum(axis=1)[:, None]
     spread = local - mean[:, None]
-    moment = np.einsum('nk,nkc,nkd->ncd', window, spread, spread)
+    moment = np.swapaxes(spread * window[..., None], 1, 2) @ spread
     size, axes = np.linalg.eigh(moment)
     frame = axes[:, :, [2, 1, 0]]
     inward = (frame[:, :, 2] * outward).sum(axis=1) < 0
@@ -142,13 +142,17 @@ def _quadric(local: Floats, window: Floats) -> tuple[Floats, Floats, Floats]:
     x, y, z = np.moveaxis(local, 2, 0)
     basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=2)
     weighted = basis * window[..., None]
+    across = np.swapaxes(weighted, 1, 2)
     # the ridge only bites where there are too few neighbours, which are left out anyway
-    normal = np.einsum('nki,nkj->nij', weighted, basis) + 1e-9 * np.eye(6)
-    solver = np.linalg.solve(normal, np.swapaxes(weighted, 1, 2))
-    coefficients = np.einsum('nik,nk->ni', solver, z)
-    left = z - np.einsum('nki,ni->nk', basis, coefficients)
+    normal = across @ basis + 1e-9 * np.eye(6)
+    # the inverse is symmetric: its first row is its first column
+    asked = np.concatenate(
+        [np.broadcast_to(np.eye(6)[:, :1], (len(z), 6, 1)), across @ z[..., None]], axis=2
+    )
+    row, coefficients = np.moveaxis(np.linalg.solve(normal, asked), 2, 0)
+    left = z - (basis @ coefficients[..., None])[..., 0]
     rough = np.sqrt((window * left**2).sum(axis=1) / window.sum(axis=1))
-    return solver[:, 0], coefficients[:, 1:3], rough
+    return (weighted @ row[..., None])[..., 0], coefficients[:, 1:3], rough
 
 
 def joined(parts: Sequence[Patches]) -> Patches:

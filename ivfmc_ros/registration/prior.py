@@ -50,7 +50,8 @@ class CellPrior:
     The covariances of the calibration, where the cell has them, come on top.
 
     axis_offset, axis_tilt : of the axis, across it
-    angle : of each coefficient of the table's periodic angle error; orders : how many of them
+    angle : of the table's periodic error at any angle, to which all its orders contribute alike;
+        orders : how many there are
     backlash : between sweeps of opposite direction
     laser_tilt, laser_offset : of each plane, about and from the middle of the volume; the offset
         is what a turn by the tilt about a point some 30 mm aside makes

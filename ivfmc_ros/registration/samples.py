@@ -129,7 +129,7 @@ def _in_own_frame(points: Floats) -> Floats:
     spread = points - points.mean(axis=0)
     axes = np.linalg.eigh(spread.T @ spread)[1]
     along = spread @ axes
-    return np.asarray(along * np.where((along**3).sum(axis=0) < 0.0, -1.0, 1.0))
+    return np.asarray(along * np.where((along * along * along).sum(axis=0) < 0.0, -1.0, 1.0))
 
 
 def _cubes(points: Floats, edge: float) -> tuple[Ints, Ints]:

@@ -20,6 +20,9 @@ from ivfmc_ros.registration.joint import reference_views
 from ivfmc_ros.registration.joint import Scene
 from ivfmc_ros.registration.joint import solve_jointly
 from ivfmc_ros.registration.observed import Solution
+from ivfmc_ros.registration.pace import Pace
+from ivfmc_ros.registration.pace import QUICK
+from ivfmc_ros.registration.pace import THOROUGH
 from ivfmc_ros.registration.pairs import Pairs
 from ivfmc_ros.registration.patches import fit_patches
 from ivfmc_ros.registration.patches import Patches
@@ -84,26 +87,28 @@ def place_on(
     reach: float,
 ) -> tuple[Floats, Verdict]:
     """
-    Place one view on surface that stays where it is.
+    Place one view on surface that stays where it is, in a few steps.
 
     view : its patches where it is expected; number : of the view, for the verdict
     edge : metres, between patches; reach : metres, by how much it may be off
     returns : the motion (4, 4) by which it was off, and its verdict
     """
-    scene = Scene(patches=[known, view], slopes=None, edge=edge)
+    # the view is asked for partners, and not the surface: it has fewer patches
+    scene = Scene(patches=[view, known], slopes=None, edge=edge)
     before = meetings(scene, np.tile(np.eye(4), (2, 1, 1)), reach)
     alone = not before
     table = _Table(
-        numbers=[-1, number],
+        numbers=[number, -1],
         scene=scene,
         prior=prior,
         reach=reach,
         before=before,
-        reference=np.array([True, alone]),
+        reference=np.array([alone, True]),
         alone=np.array([alone, alone]),
+        pace=QUICK,
     )
     poses, verdicts = table.judged()
-    return poses.turntable_from_view[1], verdicts[1]
+    return poses.turntable_from_view[0], verdicts[0]
 
 
 def surface_patches(
@@ -132,6 +137,7 @@ class _Table:
     before: list[Pairs]
     reference: Bools
     alone: Bools
+    pace: Pace = THOROUGH
 
     def judged(self) -> tuple[Poses, list[Verdict]]:
         """Solve, turn down what must not be used, and solve the others again."""
@@ -141,7 +147,7 @@ class _Table:
         if self.reference.all():
             return Poses.identity(views), found
         for _ in range(_ROUNDS):
-            joint = solve_jointly(self.scene, self._root(objections), self.reach)
+            joint = solve_jointly(self.scene, self._root(objections), self.reach, pace=self.pace)
             after = meetings(self.scene, joint.poses, self.reach)
             moved = {
                 view: self._verdict(view, joint, after)
@@ -154,6 +160,8 @@ class _Table:
                 found[view] = verdict
             if not new:
                 return Poses(turntable_from_view=joint.poses), found
+            if len(objections) == len(found) - self.reference.sum():
+                return Poses.identity(views), found
         return self._all_held(found)
 
     def _all_held(self, found: list[Verdict]) -> tuple[Poses, list[Verdict]]:

@@ -79,7 +79,8 @@ class CellUnknowns:
         if 'axis' in self.groups:
             sigma += [offset, offset, tilt, tilt]
         if 'angle' in self.groups:
-            sigma += [prior.angle] * (2 * prior.orders) + [prior.backlash]
+            each = prior.angle / np.sqrt(prior.orders)
+            sigma += [each] * (2 * prior.orders) + [prior.backlash]
         if 'lasers' in self.groups:
             sigma += [prior.laser_tilt, prior.laser_tilt, prior.laser_offset] * len(
                 self.cell.lasers

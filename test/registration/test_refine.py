@@ -21,6 +21,7 @@ from ivfmc_ros.pipeline import rebuild
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.registration.prior import CellPrior
 from ivfmc_ros.registration.refine import refine
+from ivfmc_ros.registration.unknowns import CellUnknowns
 from ivfmc_ros.registration.views import without
 from ivfmc_ros.results import write_results
 from ivfmc_ros.simulation.parts import box
@@ -139,6 +140,15 @@ def test_views_of_another_cell_are_refused(scan):
 def test_orders_that_no_table_needs_are_refused():
     with pytest.raises(ParameterError, match='prior: orders: 12 is out of range'):
         CellPrior(orders=12)
+
+
+def test_prior_of_the_angle_is_shared_by_its_orders():
+    prior = CellPrior(angle=2e-3, orders=5)
+    unknowns = CellUnknowns(cell=CELL, groups=frozenset({'angle'}), height=0.0, prior=prior)
+    coefficients = unknowns.sigma[:-1]
+    assert len(coefficients) == 10
+    at = unknowns.angle_basis(np.array([0.3, 2.0]), 1.0)[:, :-1]
+    np.testing.assert_allclose(np.sqrt((at**2) @ coefficients**2), 2e-3)
 
 
 def test_pipeline_corrects_the_cell_and_writes_it(scan, tmp_path):
