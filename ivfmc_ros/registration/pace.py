@@ -23,7 +23,7 @@ class Pace:
 
 THOROUGH = Pace()
 # For a view that is placed while the next one is taken; all are solved for again at the end.
-QUICK = Pace(coarse=1, middle=1, fine=3, still=0.3)
+QUICK = Pace(coarse=2, middle=0, fine=3, still=0.3)
 
 
 def coarse_reaches(reach: float, last: float) -> list[float]:
