@@ -58,7 +58,8 @@ def platter_view(
     )
     # all pictures show the same line: one view
     sigma = float(np.median([s for *_, s in found]))
-    joined = BoardStripe(uv=np.concatenate([uv for _, uv, _ in found]), sigma=sigma)
+    uv = np.concatenate([uv for _, uv, _ in found])
+    joined = BoardStripe(uv=uv, sigma=sigma, width=np.full(len(uv), np.nan))
     return in_space(camera, placed, joined, stripe)
 
 

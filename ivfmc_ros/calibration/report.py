@@ -68,6 +68,7 @@ def laser_report(made: LaserCalibration) -> Document:
         'plane_std_m_at_worst_point': made.plane_error,
         'bow_m': made.bow_height,
         'bow_stored': laser.bow is not None,
+        'thickness_m': laser.thickness,
         'volume_m': None if laser.volume is None else laser.volume.tolist(),
         'board': board_document(made.board, made.bend),
         'scale': f'the squares of {made.board}',

@@ -49,10 +49,12 @@ class BoardStripe:
 
     uv : (n, 2) pixel
     sigma : pixel, 1 sigma of a point, from how far the points are from a smooth curve
+    width : (n,) pixel, 1 sigma of the stripe's Gaussian
     """
 
     uv: Floats
     sigma: float
+    width: Floats
 
     def __len__(self) -> int:
         return len(self.uv)
@@ -113,7 +115,8 @@ def _straight(
     keep, sigma = _smooth_curve(along, across)
     if keep.sum() < _MIN_POINTS:
         return 0.0, None
-    return float(found.intensity[keep].sum()), BoardStripe(uv=found.uv[keep], sigma=sigma)
+    stripe_found = BoardStripe(uv=found.uv[keep], sigma=sigma, width=found.width[keep])
+    return float(found.intensity[keep].sum()), stripe_found
 
 
 def _on_bright_ground(

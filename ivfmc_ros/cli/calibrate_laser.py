@@ -119,6 +119,7 @@ def _rows(made: LaserCalibration) -> list[tuple[str, str]]:
         ('plane nx, ny, nz, d', plane),
         ('plane, 1 sigma at its worst point', options.millimetres(made.plane_error)),
         ('bow', f'{options.millimetres(made.bow_height)}{"" if laser.bow else ", not stored"}'),
+        ('thickness of the sheet, 1 sigma', options.millimetres(laser.thickness)),
         ('distance from the camera', _depths(made)),
         ('board', f'{made.board}, off flat by {options.millimetres(made.bend.sag(made.board))}'),
         ('scale', f'the squares of {made.board}'),

@@ -11,20 +11,24 @@ from ivfmc_ros.calibration.boards import parse_board
 from ivfmc_ros.calibration.camera import calibrate_camera
 from ivfmc_ros.calibration.laser import calibrate_laser
 from ivfmc_ros.calibration.laser import LaserSettings
+from ivfmc_ros.calibration.report import laser_report
 from ivfmc_ros.calibration.views import find_views
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.errors import CalibrationError
 from ivfmc_ros.pictures import list_pictures
 from ivfmc_ros.simulation.boards import render_board
+from ivfmc_ros.simulation.optics import Optics
+from ivfmc_ros.simulation.optics import sheet_sigma
 
 from .conftest import look_at
 from .conftest import pose_matrix
 
 
-def draw(folder: Path, cell, board, places, seed=0):
+def draw(folder: Path, cell, board, places, seed=0, optics=None):
     for k, (tilt, place) in enumerate(places):
         pose = pose_matrix(look_at(*tilt, place, board))
-        image = render_board(cell, board, pose, 0, rng=np.random.default_rng(seed + k))
+        rng = np.random.default_rng(seed + k)
+        image = render_board(cell, board, pose, 0, optics=optics, rng=rng)
         cv2.imwrite(str(folder / f'{k}.png'), image)
 
 
@@ -57,6 +61,24 @@ def test_rendered_laser_is_found(cell, board, rendered):
     assert made.laser.volume[0, 2] < 0.4 < made.laser.volume[1, 2]
     assert made.laser.bow is None
     assert made.kept_share > 0.8
+
+
+def test_thickness_of_the_sheet_is_measured(cell, board, rendered):
+    made = calibrate_laser(cell.camera, board, rendered)
+    assert made.laser.thickness == pytest.approx(
+        sheet_sigma(cell, cell.lasers[0], Optics()), rel=0.05
+    )
+    assert laser_report(made)['thickness_m'] == made.laser.thickness
+
+
+def test_narrow_sheet_is_measured_within_15_percent(tmp_path, cell, board):
+    optics = Optics(stripe_sigma=0.9)
+    places = [((10.0 * k - 20.0, 12.0 - 5 * k), (0.0, 0.0, 0.34 + 0.02 * k)) for k in range(6)]
+    draw(tmp_path, cell, board, places, optics=optics)
+    views = find_views(board, list_pictures(tmp_path), lit=True)
+    made = calibrate_laser(cell.camera, board, views)
+    truth = sheet_sigma(cell, cell.lasers[0], optics)
+    assert made.laser.thickness == pytest.approx(truth, rel=0.15)
 
 
 def test_too_few_stripes_are_refused(cell, board, rendered):
