@@ -18,6 +18,8 @@ from ivfmc_ros.meshing.blocks import flat
 from ivfmc_ros.meshing.blocks import Grid
 from ivfmc_ros.meshing.blocks import SIDE
 from ivfmc_ros.meshing.field import Sums
+from ivfmc_ros.meshing.parallel import each_part
+from ivfmc_ros.meshing.parallel import in_parts
 from ivfmc_ros.meshing.samples import Samples
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Singles
@@ -27,6 +29,7 @@ _MOST_CELLS = 3_000_000
 _KERNEL = np.array([0.25, 0.5, 0.25])
 _CLIP = 1.5  # coarse cells; farther away the distance is a sign
 _SWEEPS = 25
+_AT_ONCE = 8  # layers of coarse cells
 _RAYS = 40_000
 
 
@@ -72,14 +75,15 @@ def _coarse_distance(blocks: Blocks, sums: Sums, cell: int) -> Singles:
     shape = tuple(side * SIDE // cell for side in blocks.grid.shape)
     index = flat(blocks.voxels(sums.places) // cell, shape)
 
-    def gathered(column: int) -> Singles:
-        dense = np.bincount(index, sums.planes[:, column], minlength=int(np.prod(shape)))
+    def gathered(column: slice) -> Singles:
+        dense = np.bincount(index, sums.planes[:, column.start], minlength=int(np.prod(shape)))
         return _blur(dense.astype(np.float32).reshape(shape))
 
-    weight, top = gathered(0), -gathered(1)
+    weight, offset, *normals = each_part(gathered, 5, 1)
+    top = -offset
     for axis in range(3):
         centre = np.arange(shape[axis], dtype=np.float32) * cell + 0.5 * (cell - 1)
-        top += gathered(2 + axis) * centre.reshape(np.roll((-1, 1, 1), axis))
+        top += normals[axis] * centre.reshape(np.roll((-1, 1, 1), axis))
     with np.errstate(invalid='ignore', divide='ignore'):
         distance = top / weight / cell
     return np.where(weight > 1e-6, np.clip(distance, -_CLIP, _CLIP), np.nan).astype(np.float32)
@@ -105,14 +109,21 @@ def _continued(known: Singles, stands: bool) -> Singles:
     # the sign of what is nearest is right but for the holes, over which the sweeps draw the skin
     nearest = ndimage.distance_transform_edt(free, return_distances=False, return_indices=True)
     values = known[tuple(nearest)]
+    after = np.empty_like(values)
+
+    def sweep(some: slice) -> None:
+        after[some] = np.where(free[some], _mean_of_neighbours(values, some), known[some])
+
     for _ in range(_SWEEPS):
-        values = np.where(free, _mean_of_neighbours(values), known)
+        in_parts(sweep, len(values), _AT_ONCE)
+        values, after = after, values
     return np.asarray(values)
 
 
-def _mean_of_neighbours(values: Singles) -> Singles:
-    """Return the mean of the six neighbours; beyond the rim a value is continued."""
-    padded = np.pad(values, 1, mode='edge')
+def _mean_of_neighbours(values: Singles, some: slice) -> Singles:
+    """Return the mean of the six neighbours in some layers; beyond the rim a value goes on."""
+    layers = np.clip(np.arange(some.start - 1, some.stop + 1), 0, len(values) - 1)
+    padded = np.pad(values[layers], ((0, 0), (1, 1), (1, 1)), mode='edge')
     total = padded[2:, 1:-1, 1:-1] + padded[:-2, 1:-1, 1:-1]
     total += padded[1:-1, 2:, 1:-1]
     total += padded[1:-1, :-2, 1:-1]

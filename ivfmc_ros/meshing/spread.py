@@ -7,10 +7,10 @@ from itertools import product
 import numpy as np
 
 from ivfmc_ros.meshing.blocks import Blocks
-from ivfmc_ros.meshing.blocks import flat
 from ivfmc_ros.meshing.blocks import inside_block
 from ivfmc_ros.meshing.blocks import SIDE
 from ivfmc_ros.meshing.blocks import VOLUME
+from ivfmc_ros.meshing.parallel import each_part
 from ivfmc_ros.meshing.parallel import in_parts
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
@@ -34,20 +34,24 @@ class Spread:
         inside = inside_block(places)
         near = [(np.ones(len(at), dtype=bool), at >= SIDE - RADIUS, at < RADIUS) for at in inside]
         slot = places // VOLUME
-        self._blocks = len(blocks)
-        # for each step: rows of values, where they go, and with which of these a block begins
-        self._lists: list[tuple[Ints, Ints, Ints]] = []
         begin = np.arange(len(blocks) + 1) * _WIDE**3
-        for step in product((-1, 0, 1), repeat=3):
-            row = np.flatnonzero(near[0][step[0]] & near[1][step[1]] & near[2][step[2]])
-            there = _neighbour(blocks, step)[slot[row]]
+        steps = list(product((-1, 0, 1), repeat=3))
+
+        def listed(some: slice) -> tuple[Ints, Ints, Ints]:
+            i, j, k = steps[some.start]
+            row = np.flatnonzero(near[0][i] & near[1][j] & near[2][k])
+            there = _neighbour(blocks, (i, j, k))[slot[row]]
             row, there = row[there >= 0], there[there >= 0]
-            at = np.stack(
-                [x[row] - SIDE * k + RADIUS for x, k in zip(inside, step, strict=True)], axis=1
+            x, y, z = (
+                at[row] - SIDE * step + RADIUS for at, step in zip(inside, (i, j, k), strict=True)
             )
             # ascending, as the blocks of one step have the order of the blocks that it is from
-            where = there * _WIDE**3 + flat(at, (_WIDE,) * 3)
-            self._lists.append((row, where, np.searchsorted(where, begin)))
+            where = ((there * _WIDE + x) * _WIDE + y) * _WIDE + z
+            return row, where, np.searchsorted(where, begin)
+
+        self._blocks = len(blocks)
+        # for each step: rows of values, where they go, and with which of these a block begins
+        self._lists = list(each_part(listed, len(steps), 1))
 
     def blurred(self, some: slice, values: Singles, kernel: Floats) -> Singles:
         """

@@ -8,10 +8,13 @@ from scipy import ndimage
 from ivfmc_ros.meshing.blocks import Blocks
 from ivfmc_ros.meshing.blocks import SIDE
 from ivfmc_ros.meshing.fill import Coarse
+from ivfmc_ros.meshing.parallel import in_parts
 from ivfmc_ros.model import Bools
+from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
 
 _ROUNDS = 20
+_AT_ONCE = 256  # blocks
 # A voxel that is exactly on the surface would belong to no side.
 _LEAST = 1e-4
 
@@ -29,13 +32,14 @@ def whole_distance(
     level = None if floor is None else (floor - grid.origin[2]) / grid.voxel
     dense = _cut(coarse.values, level, coarse.cell)
     blocks = blocks.joined(_crossed(dense, coarse.cell))
-    values = _values(blocks, measured, coarse, level)
+    values = _values(blocks, 0, measured, coarse, level)
     for _ in range(_ROUNDS):
         missing = _missing(blocks, values, dense, coarse.cell)
         if not missing.any():
             break
         blocks = blocks.joined(missing)
-        values = _values(blocks, measured, coarse, level)
+        more = _values(blocks, len(values), measured, coarse, level)
+        values = np.concatenate([values, more])
     return blocks, values
 
 
@@ -55,25 +59,35 @@ def _crossed(dense: Singles, cell: int) -> Bools:
     return np.asarray(mixed.reshape(i, n, j, n, k, n).any(axis=(1, 3, 5)))
 
 
-def _values(blocks: Blocks, measured: Singles, coarse: Coarse, level: float | None) -> Singles:
-    values = _upsampled(blocks, coarse)
-    count = len(measured)
-    values[:count] = np.where(np.isnan(measured), values[:count], measured)
-    if level is not None:
-        *_, height = blocks.axes()
-        values = np.maximum(values, np.float32(level) - height)
-    return np.where(np.abs(values) < _LEAST, np.copysign(np.float32(_LEAST), values), values)
-
-
-def _upsampled(blocks: Blocks, coarse: Coarse) -> Singles:
-    """Interpolate the coarse distance at every voxel, (blocks, 8, 8, 8)."""
-    n = SIDE // coarse.cell
+def _values(
+    blocks: Blocks, first: int, measured: Singles, coarse: Coarse, level: float | None
+) -> Singles:
+    """Return the distance on the blocks from slot ``first`` on."""
+    values = np.empty((len(blocks) - first, SIDE, SIDE, SIDE), dtype=np.float32)
     padded = np.pad(coarse.values, 1, mode='edge')
-    corner = blocks.index * n
+
+    def compute(some: slice) -> None:
+        slots = slice(first + some.start, first + some.stop)
+        part = _upsampled(blocks.index[slots], padded, coarse.cell)
+        known = measured[slots]
+        np.copyto(part[: len(known)], known, where=~np.isnan(known))
+        if level is not None:
+            *_, height = blocks.axes(slots)
+            part = np.maximum(part, np.float32(level) - height)
+        least = np.copysign(np.float32(_LEAST), part)
+        values[some] = np.where(np.abs(part) < _LEAST, least, part)
+
+    in_parts(compute, len(values), _AT_ONCE)
+    return values
+
+
+def _upsampled(index: Ints, padded: Singles, cell: int) -> Singles:
+    """Interpolate the padded coarse distance at every voxel of blocks, (blocks, 8, 8, 8)."""
+    n = SIDE // cell
     reach = np.arange(n + 2)
-    x, y, z = (corner[:, axis, None] + reach for axis in range(3))
+    x, y, z = (index[:, axis, None] * n + reach for axis in range(3))
     values = padded[x[:, :, None, None], y[:, None, :, None], z[:, None, None, :]]
-    at = (np.arange(SIDE) + 0.5) / coarse.cell + 0.5
+    at = (np.arange(SIDE) + 0.5) / cell + 0.5
     weights = np.maximum(0.0, 1.0 - np.abs(at[None] - reach[:, None])).astype(np.float32)
     for _ in range(3):
         values = np.moveaxis(values @ weights, 3, 1)

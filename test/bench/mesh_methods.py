@@ -271,7 +271,7 @@ def times() -> Iterator[Number]:
     # as many vertices as points: about 1.5 a voxel's face
     voxel = float(np.sqrt(1.6 * 4 * np.pi * 0.03**2 / count))
     ours, vertices = timed(lambda: integrate(points, voxel, settings))
-    theirs, others = timed(lambda: poisson(points, 2.0 * voxel, 1.0, settings))
+    theirs, others = timed(lambda: poisson(points, voxel, 1.0, settings))
     # at an equal number of vertices
     fair = vertices / others
     note = f'{ours}, {vertices} vertices; Poisson {theirs}, {others} vertices; processor time '
