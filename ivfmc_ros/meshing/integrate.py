@@ -6,6 +6,7 @@ All samples to one closed, oriented 2-manifold, of which then what was not seen 
 samples -> signed distance -> filled where nothing is -> surface -> noise taken out -> mesh
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,15 +82,21 @@ def integrate(samples: Samples, voxel: float, settings: MeshSettings) -> Mesh:
     grid = field.grid_of(samples, voxel, settings.floor)
     sums = field.sum_up(grid, samples)
     blocks = sums.blocks
-    measured, weight = field.distance(sums)
-    carve(blocks, measured, samples)
-    empty = fill.looked_through(grid, samples)
-    coarse = fill.fill(blocks, sums, empty, settings.floor)
+    with ThreadPoolExecutor(1) as beside:
+        filling = beside.submit(_fill, sums, samples, settings.floor)
+        measured, weight = field.distance(sums)
+        carve(blocks, measured, samples)
+    coarse = filling.result()
     net = nets.extract(*volume.whole_distance(blocks, measured, coarse, settings.floor))
     shell = _shell(sums, weight, net, settings.floor)
     noise = np.nan_to_num(shell.sigma)[net.quads].max(axis=1) * (_NORMAL_NOISE / voxel)
     vertices = denoise.denoised(net.vertices, net.quads, noise, settings.smoothing)
     return _mesh(grid.points(vertices), net.quads, shell, voxel, settings)
+
+
+def _fill(sums: field.Sums, samples: Samples, floor: float | None) -> fill.Coarse:
+    empty = fill.looked_through(sums.blocks.grid, samples)
+    return fill.fill(sums.blocks, sums, empty, floor)
 
 
 def _shell(sums: field.Sums, weight: Singles, net: nets.Nets, floor: float | None) -> _Shell:

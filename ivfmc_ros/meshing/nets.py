@@ -63,7 +63,12 @@ def extract(blocks: Blocks, values: Singles) -> Nets:
     cells = np.flatnonzero(used)
     number = np.empty(len(used), dtype=np.int32)
     number[cells] = np.arange(len(cells), dtype=np.int32)
-    quads = number[around].astype(np.int64)
+    quads = np.empty_like(around)
+
+    def name(some: slice) -> None:
+        quads[some] = number.take(around[some])
+
+    in_parts(name, len(quads), _AT_ONCE)
     total = topology.adding(quads, len(cells)) @ _crossing(blocks, values, edges)
     count = np.bincount(quads.ravel(), minlength=len(cells))
     return Nets(vertices=total / count[:, None], quads=quads, cells=blocks.voxels(cells))
@@ -115,12 +120,19 @@ def _following(blocks: Blocks, values: NDArray[np.uint8], axis: int) -> NDArray[
 
 def _crossing(blocks: Blocks, values: Singles, edges: _Edges) -> Floats:
     """Return (n, 3) where the surface crosses the edges, in voxels."""
-    crossing = blocks.voxels(edges.first).astype(np.float64)
-    flat = values.reshape(-1)
-    a = flat[edges.first].astype(np.float64)
-    b = flat[blocks.steps(1)(edges.first, edges.axis)].astype(np.float64)
-    # not at a voxel itself, where quadrilaterals of several edges would meet
-    crossing[np.arange(len(a)), edges.axis] += np.clip(a / (a - b), 0.02, 0.98)
+    crossing = np.empty((len(edges.first), 3))
+    flat, ahead = values.reshape(-1), blocks.steps(1)
+
+    def cross(some: slice) -> None:
+        first, axis = edges.first[some], edges.axis[some]
+        a = flat.take(first).astype(np.float64)
+        b = flat.take(ahead(first, axis)).astype(np.float64)
+        there = blocks.voxels(first).astype(np.float64)
+        # not at a voxel itself, where quadrilaterals of several edges would meet
+        there[np.arange(len(a)), axis] += np.clip(a / (a - b), 0.02, 0.98)
+        crossing[some] = there
+
+    in_parts(cross, len(crossing), _AT_ONCE)
     return crossing
 
 
