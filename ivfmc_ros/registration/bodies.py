@@ -14,11 +14,15 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
+from ivfmc_ros.registration.bores import Bore
+from ivfmc_ros.registration.bores import find_bores
 from ivfmc_ros.registration.patches import fit_patches
 from ivfmc_ros.registration.patches import joined
 from ivfmc_ros.registration.patches import Patches
 from ivfmc_ros.registration.samples import common_edge
 from ivfmc_ros.registration.samples import sample
+from ivfmc_ros.registration.strokes import strokes_of
+from ivfmc_ros.registration.strokes import strokes_together
 from ivfmc_ros.registration.views import sight_of
 
 _LEAST_PATCHES = 200
@@ -44,18 +48,25 @@ class Body:
     The surface of one clamping.
 
     patches : normals towards the camera; sight : (n, 3) unit, from the patches to the camera
+    bores : round holes, whose walls are too narrow for patches
     """
 
     name: str
     patches: Patches
     sight: Floats
+    bores: tuple[Bore, ...] = ()
 
     def __len__(self) -> int:
         return len(self.patches)
 
     def moved(self, T: Floats) -> 'Body':
         """Return the body moved by a rigid (4, 4) matrix."""
-        return replace(self, patches=self.patches.posed(T), sight=self.sight @ T[:3, :3].T)
+        return replace(
+            self,
+            patches=self.patches.posed(T),
+            sight=self.sight @ T[:3, :3].T,
+            bores=tuple(bore.moved(T) for bore in self.bores),
+        )
 
     def thinned(self, edge: float) -> 'Body':
         """Return one patch for each cube of ``edge`` metres."""
@@ -94,11 +105,12 @@ def together(bodies: Sequence[Body]) -> Body:
         name=' and '.join(body.name for body in bodies),
         patches=joined([body.patches for body in bodies]),
         sight=np.concatenate([body.sight for body in bodies]),
+        bores=tuple(bore for body in bodies for bore in body.bores),
     )
 
 
 def _body(clamping: Clamping, edge: float) -> Body | None:
-    parts = []
+    parts, strokes = [], []
     posed = zip(clamping.views, clamping.poses.turntable_from_view, strict=True)
     for view, T in posed:
         thin = sample(view, edge)
@@ -109,4 +121,9 @@ def _body(clamping: Clamping, edge: float) -> Body | None:
         towards = thin.outward[patches.sample]
         towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
         parts.append(Body(name=clamping.name, patches=patches, sight=towards).moved(T))
-    return replace(together(parts), name=clamping.name) if parts else None
+        strokes.append(strokes_of(view, sight, edge).posed(T))
+    if not parts:
+        return None
+    body = replace(together(parts), name=clamping.name)
+    left = strokes_together(strokes).beside(body.patches, edge)
+    return replace(body, bores=find_bores(left, body.patches, edge))

@@ -9,6 +9,7 @@ where it catches are what is returned.
 """
 
 from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -49,6 +50,10 @@ class Freedom:
     def free(self) -> Floats:
         """(k, 6) motions that the surface does not hold."""
         return np.asarray(self.motions.T[self.sigma > HELD])
+
+    def held(self, sigma: float) -> 'Freedom':
+        """Return the same, but what was free is known to ``sigma`` metres by something else."""
+        return replace(self, sigma=np.where(self.sigma > HELD, sigma, self.sigma))
 
 
 def freedom_of(joint: Joint, view: int, body: Body) -> Freedom:

@@ -138,14 +138,17 @@ def _refined(
         freedom = freedom_of(joint, index, body)
         placing = Placing(name=body.name, overlap=fit.overlap, rms=fit.rms)
         if index in found:
-            evidence = found[index].placed.evidence
+            placed = found[index].placed
+            evidence = placed.evidence
+            # a joint solution does not know of the holes
+            known = min(freedom.sigma.max(), placed.freedom.sigma.max())
             placing = replace(
                 placing,
                 onto=found[index].onto,
                 agree=evidence.agree,
                 differ=evidence.differ,
                 blocked=evidence.blocked,
-                sigma=float(freedom.sigma.max()),
+                sigma=float(known),
             )
         placings.append(placing)
     return Merged(

@@ -10,6 +10,7 @@ these are named, and none is chosen.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +19,11 @@ from ivfmc_ros.errors import AmbiguousError
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.model import Floats
 from ivfmc_ros.registration.bodies import Body
+from ivfmc_ros.registration.bored import meetings_along
+from ivfmc_ros.registration.bored import moved_along
+from ivfmc_ros.registration.bored import Seat
+from ivfmc_ros.registration.bored import seat
+from ivfmc_ros.registration.bored import telling
 from ivfmc_ros.registration.evidence import Evidence
 from ivfmc_ros.registration.evidence import Skin
 from ivfmc_ros.registration.free import along
@@ -50,6 +56,8 @@ _REFUTED = 4.0
 # Surfaces within so many robust deviations of the residuals are the same, or within this share of
 # the patches' spacing: next to edges a quadric errs by as much.
 _SAME, _ROUGH = 6.0, 0.08
+# Axes of holes miss each other by so many patch spacings at most, along a free motion.
+_BORE = 1.5
 # The refinement looks for errors of about this size, metres.
 _LOOSE = 1e-3
 _NAMED = 6
@@ -98,7 +106,7 @@ def place(body: Body, onto: Body, edge: float) -> Placed:
     left = [one for one in first if one.evidence.worse_than(first[0].evidence) < 2.0 * _REFUTED]
     fine = _Bench(body, onto, edge)
     last = fine.judged([one.pose for one in left], 2.0 * edge)
-    last = fine.distinct([*last, *fine.caught(last)])
+    last = fine.distinct([*last, *fine.caught(last), *fine.bored(last)])
     _require_fit(body, onto, last)
     return _only_one(body, onto, [one for one in last if not _refuted(one, last)], edge)
 
@@ -126,16 +134,61 @@ class _Bench:
         ]
         return [self._refined(T, 2.0 * self._edge) for T in poses]
 
+    def bored(self, found: Sequence[Placed]) -> list[Placed]:
+        """Return where round holes hold the best that is free to move in one way."""
+        free = [one for one in found if len(one.freedom.free) == 1][:1]
+        return [held for one in free for held in self._holes_meet(one)]
+
+    def _holes_meet(self, free: Placed) -> list[Placed]:
+        motion = free.freedom.free[0]
+        here = self._body.moved(free.pose)
+        bores, others = telling(here.bores, motion), telling(self._onto.bores, motion)
+        reach = _BORE * self._edge
+        path = along(motion, here, self._edge / 2)
+        poses = [path[k] @ free.pose for k in meetings_along(bores, others, path, reach)]
+        turned = [replace(free, pose=T, evidence=self._evidence(T, free.scale)) for T in poses]
+        left = [one for one in turned if not _refuted(one, turned)]
+        # one that the holes do not hold, and nothing refutes, may be the true one
+        if len(left) > _NAMED or any(self._seat(one) is None for one in left):
+            return []
+        held = [self._seated(self._refined(one.pose, 2.0 * self._edge)) for one in left]
+        return [one for one in held if one is not None] if None not in held else []
+
+    def _seated(self, one: Placed) -> Placed | None:
+        """Return a pose that is free in one way where its holes meet; None if they do not."""
+        if len(one.freedom.free) != 1:
+            return one
+        found = self._seat(one)
+        if found is None:
+            return None
+        pose = moved_along(one.freedom.free[0], found.amount) @ one.pose
+        return replace(
+            one,
+            pose=pose,
+            evidence=self._evidence(pose, one.scale),
+            freedom=one.freedom.held(found.sigma),
+        )
+
+    def _seat(self, one: Placed) -> Seat | None:
+        motion = one.freedom.free[0]
+        bores = telling(self._body.moved(one.pose).bores, motion)
+        return seat(bores, telling(self._onto.bores, motion), motion, _BORE * self._edge)
+
+    def _evidence(self, pose: Floats, scale: float) -> Evidence:
+        noise = float(np.clip(_SAME * scale, _ROUGH * self._edge, self._edge))
+        return self._skins[0].evidence(self._skins[1], pose, noise)
+
     def distinct(self, every: Sequence[Placed]) -> list[Placed]:
         """Return the best of those that are about the same, the best first."""
         corners = box_corners(self._body.patches.points_xyz)
         found: list[Placed] = []
-        for one in sorted(every, key=lambda each: -each.score):
+        # of one that is free to move and one that is held there, the second says more
+        for one in sorted(every, key=lambda each: (not each.held, -each.score)):
             here = transforms.apply(one.pose, corners)
             away = [np.abs(transforms.apply(other.pose, corners) - here).max() for other in found]
             if min(away, default=np.inf) > self._edge:
                 found.append(one)
-        return found
+        return sorted(found, key=lambda each: -each.score)
 
     def _refined(self, T: Floats, reach: float) -> Placed:
         body = self._body.moved(T)
@@ -144,10 +197,9 @@ class _Bench:
         left = [np.abs(pairs.residuals) for pairs in meetings(scene, joint.poses, self._edge)]
         scale = 1.4826 * float(np.median(np.concatenate(left))) if left else self._edge
         pose = joint.poses[1] @ T
-        noise = float(np.clip(_SAME * scale, _ROUGH * self._edge, self._edge))
         return Placed(
             pose=pose,
-            evidence=self._skins[0].evidence(self._skins[1], pose, noise),
+            evidence=self._evidence(pose, scale),
             freedom=freedom_of(joint, 1, body.moved(joint.poses[1])),
             scale=scale,
         )

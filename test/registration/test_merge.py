@@ -19,9 +19,14 @@ from ivfmc_ros.simulation.bench import bench_cell
 from ivfmc_ros.simulation.parts import box
 from ivfmc_ros.simulation.parts import cylinder
 from ivfmc_ros.simulation.parts import demo_part
+from ivfmc_ros.simulation.prism import circle
+from ivfmc_ros.simulation.prism import Layer
+from ivfmc_ros.simulation.prism import stack
 
 CELL = bench_cell()
 SIDE = 0
+# six, on a circle
+BOLTS = [(np.cos(a), np.sin(a)) for a in np.radians(range(30, 360, 60))]
 LYING = lying(demo_part(), SIDE)
 
 
@@ -35,10 +40,10 @@ def on_its_side():
     return clamped('lying', CELL, demo_part(), LYING, 100, seed=2)
 
 
-def both(part, steps=60):
+def both(part, steps=60, seed=0):
     return [
         clamped('upright', CELL, part, np.eye(4), steps),
-        clamped('lying', CELL, part, lying(part, 0), steps, seed=2),
+        clamped('lying', CELL, part, lying(part, seed), steps, seed=2),
     ]
 
 
@@ -78,6 +83,28 @@ def test_turn_that_a_round_part_leaves_open_is_named():
     with pytest.raises(AmbiguousError, match='leaves open any turn about the axis') as refused:
         merge(both(cylinder(0.02, 0.06)))
     assert '(0.00, 0.00, 1.00) through (0.0, 0.0, 0.0) mm' in str(refused.value)
+
+
+def test_holes_hold_a_turn_that_nothing_else_does():
+    # the flat and the keyway lie below
+    place = lying(demo_part(), 11)
+    merged = merge(
+        [
+            clamped('upright', CELL, demo_part(), np.eye(4), 120),
+            clamped('lying', CELL, demo_part(), place, 120, seed=2),
+        ]
+    )
+    found = merged.first_from_clamping[1] @ place
+    assert displacement(demo_part(), found, np.eye(4)) < 1e-4
+    assert merged.placings[1].sigma < 5e-5
+
+
+def test_holes_that_are_alike_hold_no_turn():
+    bolts = [circle(0.0045, centre)[::-1] for centre in 0.040 * np.array(BOLTS)]
+    flange = Layer(low=0.0, high=0.012, bottom=[circle(0.052), *bolts])
+    part = stack([flange, Layer(low=0.012, high=0.050, bottom=[circle(0.028)])])
+    with pytest.raises(AmbiguousError):
+        merge(both(part, steps=100, seed=1))
 
 
 def test_another_part_is_refused(upright):
