@@ -1,47 +1,68 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Points that their own view gives no normal: one from all points around, or only word of them."""
+"""
+Points that their own view gives no normal: one from the faces around, or only word of them.
+
+A stripe that falls on a wall in a single picture has no neighbours to the side. Where it lies in
+the plane of samples that are farther away, and these face as that plane does, it is part of
+their face.
+"""
 
 from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ivfmc_ros.meshing.planes import Around
+from ivfmc_ros.meshing.planes import planes_at
 from ivfmc_ros.meshing.samples import merge
 from ivfmc_ros.meshing.samples import Samples
-from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 
-_REACH = 6.0  # voxels
-_MOST, _LEAST = 13, 5  # points around
-# The points around scatter this much about their plane, and the point itself lies off it.
-_THICK, _OFF = 2.0, 6.0  # sigmas
-# They are no line: their second extent, in voxels.
-_BROAD = 0.6
+_NEIGHBOURS, _SCALE = 60, 2.0  # count; voxels
+_EVERY = 3  # samples are denser than what was measured
+_IN_PLANE = 2.5  # sigmas
+_LEAST_SHARE, _LEAST_MEMBERS, _BROAD = 0.5, 5, 0.6
 _LEAST_FACING = 0.15
 # A normal from such points is worth less than one from a grid.
 _WORTH = 0.3
 
 
-def adopted(samples: Samples, cut_xyz: Floats, sigma: float, voxel: float) -> Samples:
+def adopted(
+    samples: Samples, cut_xyz: Floats, sigma: float, voxel: float, reach: float
+) -> Samples:
     """
-    Return the samples with those points that lie in a plane with samples around them.
+    Return the samples with those points without a normal that lie in a face of others.
 
-    Others stay alone; of the ends that an edge cut off they are given up.
-
-    cut_xyz : (n, 3) metres, ends of stripes that do not go on as these do
+    cut_xyz : (n, 3) metres, ends of stripes that do not go on as these do: given up if they do not
     sigma : metres, of a usual point
+    reach : metres, up to which a face may be away
     """
     asked = np.concatenate([samples.alone_xyz, cut_xyz])
-    if not len(asked) or len(samples) < _LEAST:
+    if not len(asked) or not len(samples):
         return samples
-    normals, good = _planes(asked, samples, sigma, voxel)
+    alone = samples.alone_xyz
+    unknown = np.full(alone.shape, np.nan)
+    around = Around(
+        points_xyz=np.concatenate([samples.points_xyz[::_EVERY], alone]),
+        normals=np.concatenate([samples.normals[::_EVERY], unknown]),
+        count=_NEIGHBOURS,
+        reach=reach,
+        scale=_SCALE * voxel,
+    )
+    planes = planes_at(asked, around, _IN_PLANE * sigma, voxel, through=True)
     _, beside = cKDTree(samples.points_xyz).query(asked)
-    facing = (normals * samples.sight[beside]).sum(axis=1)
-    good &= np.abs(facing) > _LEAST_FACING
-    normals *= np.copysign(1.0, facing)[:, None]
+    facing = (planes.normals * samples.sight[beside]).sum(axis=1)
+    good = (
+        (planes.share > _LEAST_SHARE)
+        & (planes.members > _LEAST_MEMBERS)
+        & (planes.breadth > _BROAD * voxel)
+        & (np.abs(planes.height) < _IN_PLANE * sigma)
+        & (np.abs(facing) > _LEAST_FACING)
+    )
     kept = np.arange(len(asked)) < len(samples.alone_xyz)
     chosen = beside[good]
+    normals = planes.normals * np.copysign(1.0, facing)[:, None]
     new = Samples(
         points_xyz=asked[good],
         normals=normals[good],
@@ -51,25 +72,3 @@ def adopted(samples: Samples, cut_xyz: Floats, sigma: float, voxel: float) -> Sa
         alone_xyz=asked[kept & ~good],
     )
     return merge([replace(samples, alone_xyz=np.empty((0, 3))), new])
-
-
-def _planes(asked: Floats, samples: Samples, sigma: float, voxel: float) -> tuple[Floats, Bools]:
-    """Return (n, 3) normals of the points around, and whether these and the point make a plane."""
-    known = np.concatenate([samples.points_xyz, samples.alone_xyz])
-    distance, near = cKDTree(known).query(asked, k=_MOST, distance_upper_bound=_REACH * voxel)
-    there = np.isfinite(distance)
-    count = np.maximum(there.sum(axis=1), 1)[:, None]
-    points = known[np.where(there, near, 0)]
-    middle = (points * there[..., None]).sum(axis=1) / count
-    offsets = (points - middle[:, None]) * there[..., None]
-    scatter = np.einsum('nki,nkj->nij', offsets, offsets) / count[..., None]
-    extents, axes = np.linalg.eigh(scatter)
-    normals = axes[:, :, 0]
-    off = np.abs(((asked - middle) * normals).sum(axis=1))
-    good = (
-        (there.sum(axis=1) >= _LEAST)
-        & (extents[:, 1] > (_BROAD * voxel) ** 2)
-        & (extents[:, 0] < (_THICK * sigma) ** 2)
-        & (off < _OFF * sigma)
-    )
-    return normals, good

@@ -46,6 +46,18 @@ def cut_ends(points: Floats, down: Bools, sigma: float) -> Bools:
     return np.asarray(np.isfinite(points[..., 0]) & ~left)
 
 
+def run_ends(left: Bools, down: Bools) -> Bools:
+    """
+    Tell which points are the first or the last of a run.
+
+    left : (rows, columns), there is a point; down : it and that in the next row are linked
+    """
+    after = down & left & np.roll(left, -1, axis=0)
+    before = np.roll(after, 1, axis=0)
+    before[0] = False
+    return np.asarray(left & ~(after & before))
+
+
 def _cut(
     points: Floats, left: Bools, linked: Bools, sense: int, sigma: float, *, short: bool
 ) -> Bools:

@@ -10,9 +10,9 @@ import numpy as np
 
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.meshing.alone import adopted
-from ivfmc_ros.meshing.ends import cut_ends
+from ivfmc_ros.meshing.rays import settled
+from ivfmc_ros.meshing.rays import Stripes
 from ivfmc_ros.meshing.samples import from_grid
-from ivfmc_ros.meshing.samples import links
 from ivfmc_ros.meshing.samples import merge
 from ivfmc_ros.meshing.samples import range_grid
 from ivfmc_ros.meshing.samples import Samples
@@ -22,6 +22,8 @@ from ivfmc_ros.model import View
 
 # Profiles nearer than this (radians; share of a usual step) are one place of several turns.
 _SAME_ANGLE, _SAME_STEP = 1e-6, 0.2
+# How far the face of a point without a normal may be, if nothing else is said.
+_REACH = 6.0  # voxels
 
 
 def from_views(
@@ -35,15 +37,14 @@ def from_views(
     """
     known = np.concatenate([view.sigma[np.isfinite(view.sigma)] for view in views])
     sigma = float(np.median(known)) if known.size else 0.0
-    parts, cuts = [], []
-    for view, T in zip(views, poses.turntable_from_view, strict=True):
-        for turn in turns_of(view):
-            grid = range_grid(cell, turn, T)
-            cut = cut_ends(grid.points_xyz, links(grid, 0, reach), sigma)
-            inner = np.where(cut[..., None], np.nan, grid.points_xyz)
-            parts.append(from_grid(replace(grid, points_xyz=inner), reach, voxel))
-            cuts.append(grid.points_xyz[cut])
-    return adopted(merge(parts), np.concatenate(cuts), sigma, voxel)
+    stripes = [
+        Stripes.of(range_grid(cell, turn, T), reach, sigma)
+        for view, T in zip(views, poses.turntable_from_view, strict=True)
+        for turn in turns_of(view)
+    ]
+    grids, left_out = settled(stripes, sigma, voxel)
+    samples = merge(from_grid(grid, reach, voxel) for grid in grids)
+    return adopted(samples, left_out, sigma, voxel, reach or _REACH * voxel)
 
 
 def turns_of(view: View) -> Iterator[View]:

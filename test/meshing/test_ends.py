@@ -3,6 +3,7 @@
 import numpy as np
 
 from ivfmc_ros.meshing.ends import cut_ends
+from ivfmc_ros.meshing.ends import run_ends
 
 SIGMA = 2e-5
 STEP = 2e-4
@@ -53,3 +54,9 @@ def test_curved_stripe_keeps_its_ends():
     height = points[:, 0, 2]
     points[:, 0, 1] += (height - 6e-3) ** 2 / (2 * 0.012)
     assert not cut_ends(points, down, SIGMA).any()
+
+
+def test_run_ends_are_the_first_and_the_last_of_each_run():
+    points, down = stripes([4, 1])
+    ends = run_ends(np.isfinite(points[..., 0]), down)
+    assert sorted(zip(*np.nonzero(ends), strict=True)) == [(2, 0), (2, 1), (5, 0)]
