@@ -15,7 +15,6 @@ from typing import Any
 from geometry_msgs.msg import PoseArray
 from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import deserialize_message
-from rclpy.task import Future
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image
@@ -100,7 +99,6 @@ class Recorder(CellNode):
         self._led_s: float | None = None
         self._notes: Notes | None = None
         self._told: int | None = None
-        self._ending: Future | None = None
         self._recorded = self.publish_on(UInt64, 'recorded')
         self._listening = [self._listen(name) for name in self.get('topics')]
         self.trigger('start', self._start)
