@@ -22,7 +22,7 @@ from ivfmc_ros.errors import NoStripeError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.meshing.build import build_mesh
 from ivfmc_ros.meshing.build import usual_edge
-from ivfmc_ros.meshing.export import UNITS
+from ivfmc_ros.meshing.io.export import UNITS
 from ivfmc_ros.meshing.settings import MeshSettings
 from ivfmc_ros.model import Frame
 from ivfmc_ros.model import Mesh
@@ -31,25 +31,25 @@ from ivfmc_ros.model import Profile
 from ivfmc_ros.model import View
 from ivfmc_ros.progress import Progress
 from ivfmc_ros.progress import silent
-from ivfmc_ros.registration import views as sweeps
 from ivfmc_ros.registration.align import align
 from ivfmc_ros.registration.align import METHODS
 from ivfmc_ros.registration.align import Verdict
-from ivfmc_ros.registration.bodies import Clamping
-from ivfmc_ros.registration.merge import merge
-from ivfmc_ros.registration.merge import Merged
-from ivfmc_ros.registration.merge import require_one_cell
+from ivfmc_ros.registration.merge.bodies import Clamping
+from ivfmc_ros.registration.merge.merge import merge
+from ivfmc_ros.registration.merge.merge import Merged
+from ivfmc_ros.registration.merge.merge import require_one_cell
 from ivfmc_ros.registration.misfit import laser_misfit
 from ivfmc_ros.registration.misfit import Misfit
-from ivfmc_ros.registration.motion import Motion
-from ivfmc_ros.registration.motion import refit
-from ivfmc_ros.registration.refine import refine
-from ivfmc_ros.registration.refine import Refined
-from ivfmc_ros.registration.unknowns import require_groups
+from ivfmc_ros.registration.self_calibration.parameters import require_groups
+from ivfmc_ros.registration.self_calibration.refine import refine
+from ivfmc_ros.registration.self_calibration.refine import Refined
+from ivfmc_ros.registration.views import assemble as sweeps
+from ivfmc_ros.registration.views.motion_fit import Motion
+from ivfmc_ros.registration.views.motion_fit import refit
 from ivfmc_ros.stopwatch import Stopwatch
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
-from ivfmc_ros.stripe.followed import stream_of
+from ivfmc_ros.stripe.space_time_stream import stream_of
 
 # So many pictures are kept to show what was found.
 _SHOWN_PICTURES = 12

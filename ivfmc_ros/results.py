@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The folder that a reconstruction leaves: mesh, cloud, pictures and report."""
+"""The folder that a reconstruction leaves: mesh, cloud, pictures and json_report."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -14,16 +14,16 @@ from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.cell_file import save_cell
 from ivfmc_ros.inspection import deviation
-from ivfmc_ros.inspection import overview
-from ivfmc_ros.inspection import report
-from ivfmc_ros.inspection.html import write_html
-from ivfmc_ros.inspection.scan_page import mesh_figures
-from ivfmc_ros.inspection.scan_page import scan_page
-from ivfmc_ros.meshing import export
+from ivfmc_ros.inspection.reports import json_report
+from ivfmc_ros.inspection.reports import overview
+from ivfmc_ros.inspection.reports.html import write_html
+from ivfmc_ros.inspection.reports.scan_page import mesh_figures
+from ivfmc_ros.inspection.reports.scan_page import scan_page
+from ivfmc_ros.meshing.io import export
 from ivfmc_ros.model import Floats
 from ivfmc_ros.pipeline import Reconstruction
-from ivfmc_ros.registration.merge import Merged
-from ivfmc_ros.registration.refine import Refined
+from ivfmc_ros.registration.merge.merge import Merged
+from ivfmc_ros.registration.self_calibration.refine import Refined
 from ivfmc_ros.stopwatch import Stopwatch
 from ivfmc_ros.surface import Surface
 
@@ -37,7 +37,7 @@ def write_results(
     nominal: Surface | None = None,
 ) -> Mapping[str, Any]:
     """
-    Write a result folder, whole or not at all, and return its report.
+    Write a result folder, whole or not at all, and return its json_report.
 
     source : what was reconstructed, for the report
     skipped : how many pictures of it were not used, by reason
@@ -58,12 +58,12 @@ def write_results(
         document: dict[str, Any] = {
             'source': source,
             'unit': {'files': made.settings.export_unit, 'report': 'm'},
-            'scale': report.scale(cell),
+            'scale': json_report.scale(cell),
             'parameters': asdict(made.settings),
             'counts': {**made.counts, 'skipped': dict(skipped)},
             'seconds': {**made.seconds, **watch.seconds},
             'mesh': mesh_figures(made.mesh),
-            'residuals': report.residuals(cell, made.views, made.verdicts),
+            'residuals': json_report.residuals(cell, made.views, made.verdicts),
         }
         if made.misfit is not None:
             document['lasers'] = asdict(made.misfit)
@@ -74,9 +74,9 @@ def write_results(
             document['merge'] = merging(made.merged)
         if nominal is not None:
             document['deviation_m'] = compare(points, made.mesh.vertices_xyz, nominal)
-        report.write_report(target / 'report.json', document)
+        json_report.write_report(target / 'json_report.json', document)
         page = scan_page(source, made.mesh, made.views, made.poses, made.samples, document)
-        write_html(target / 'report.html', page)
+        write_html(target / 'json_report.html', page)
     return document
 
 

@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 # Boards, cameras and whole cells in these live in real time; what runs beside makes them late.
 ALONE = (
-    'cli/test_processes.py',
+    'cli/support/test_processes.py',
     'devices',
     'graph',
     'nodes/test_camera.py',

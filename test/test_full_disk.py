@@ -14,9 +14,9 @@ import resource, signal, sys
 from pathlib import Path
 import numpy as np
 import trimesh
-from synthetic import Sphere, small_cell, sphere_profiles
+from support.synthetic import Sphere, small_cell, sphere_profiles
 from ivfmc_ros.errors import FileError
-from ivfmc_ros.meshing.export import write_solid
+from ivfmc_ros.meshing.io.export import write_solid
 from ivfmc_ros.pipeline import rebuild
 from ivfmc_ros.results import write_results
 

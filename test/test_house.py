@@ -10,12 +10,12 @@ import subprocess
 import sys
 from xml.etree import ElementTree
 
-import house
-from house import BORDER
-from house import PACKAGE
-from house import ROOT
-from house import ROWS
 import pytest
+from support import house
+from support.house import BORDER
+from support.house import PACKAGE
+from support.house import ROOT
+from support.house import ROWS
 
 import ivfmc_ros
 
@@ -113,6 +113,25 @@ def test_data_flows_down_the_house():
         above = [name for name in our_imports(path) if ROWS.index(house.row_of(name)) > rank]
         upward += [f'{module} imports {name}' for name in above]
     assert upward == [], f'a module may import only from its own row or an earlier one of {ROWS}'
+
+
+def test_the_rooms_of_a_package_form_no_cycle():
+    """A room is a sub-package or a single file of a package; two rooms never need each other."""
+    imports = house.imports_between_rooms(MODULES)
+    assert house.cycles(imports) == []
+
+
+def test_cycles_between_rooms_are_found():
+    assert house.cycles({'a': {'b'}, 'b': {'c'}, 'c': {'b'}, 'd': {'a'}}) == ['b', 'c']
+
+
+def test_every_public_class_name_has_one_meaning():
+    places: dict[str, list[str]] = {}
+    for path in MODULES:
+        for node in house.parse(path).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith('_'):
+                places.setdefault(node.name, []).append(house.module_name(path))
+    assert {name: where for name, where in places.items() if len(where) > 1} == {}
 
 
 def test_every_folder_has_its_row():

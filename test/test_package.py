@@ -11,8 +11,8 @@ import subprocess
 import sys
 import zipfile
 
-from house import ROOT
 import pytest
+from support.house import ROOT
 
 import ivfmc_ros
 

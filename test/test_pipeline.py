@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import small_cell
-from synthetic import Sphere
-from synthetic import sphere_frames
+from support.synthetic import small_cell
+from support.synthetic import Sphere
+from support.synthetic import sphere_frames
 
 from ivfmc_ros.cell.transforms import rigid
 from ivfmc_ros.cell.transforms import rotation_z
@@ -19,9 +19,9 @@ from ivfmc_ros.meshing.normals import of_faces
 from ivfmc_ros.model import Frame
 from ivfmc_ros.pipeline import reconstruct
 from ivfmc_ros.pipeline import Settings
-from ivfmc_ros.simulation.optics import Optics
-from ivfmc_ros.simulation.parts import box
-from ivfmc_ros.simulation.render import simulate_scan
+from ivfmc_ros.simulation.parts.solids import box
+from ivfmc_ros.simulation.render.optics import Optics
+from ivfmc_ros.simulation.render.renderer import simulate_scan
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 from ivfmc_ros.surface import Surface
 

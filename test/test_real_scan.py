@@ -4,10 +4,10 @@
 
 import json
 
-from box import fit_box
 import numpy as np
 import pytest
-from real_scan import run_readme_sequence
+from support.box import fit_box
+from support.real_scan import run_readme_sequence
 import trimesh
 
 

@@ -1,13 +1,13 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
-from rendered_stripes import Job
-from rendered_stripes import render
-from rendered_stripes import stripes_of
-from synthetic import small_cell
+from support.rendered_stripes import Job
+from support.rendered_stripes import render
+from support.rendered_stripes import stripes_of
+from support.synthetic import small_cell
 
 from bench.pool import mapped
-from ivfmc_ros.simulation.parts import cylinder
+from ivfmc_ros.simulation.parts.solids import cylinder
 
 JOB = Job(small_cell(), cylinder(0.02, 0.05), 0, np.array([0.0, 0.3]), 1)
 

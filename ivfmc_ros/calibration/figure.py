@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 
 from ivfmc_ros import files
-from ivfmc_ros.calibration.camera import CameraCalibration
-from ivfmc_ros.calibration.laser import LaserCalibration
-from ivfmc_ros.calibration.laser import LaserView
-from ivfmc_ros.calibration.turntable import steps_of
-from ivfmc_ros.calibration.turntable import TurntableCalibration
+from ivfmc_ros.calibration.camera.calibrate import CameraCalibration
+from ivfmc_ros.calibration.laser.calibrate import LaserCalibration
+from ivfmc_ros.calibration.laser.calibrate import LaserView
+from ivfmc_ros.calibration.turntable.calibrate import steps_of
+from ivfmc_ros.calibration.turntable.calibrate import TurntableCalibration
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.model import Floats

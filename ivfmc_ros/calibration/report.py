@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from ivfmc_ros import files
-from ivfmc_ros.calibration.bend import Bend
-from ivfmc_ros.calibration.boards import Board
-from ivfmc_ros.calibration.camera import CameraCalibration
-from ivfmc_ros.calibration.laser import LaserCalibration
-from ivfmc_ros.calibration.turntable import steps_of
-from ivfmc_ros.calibration.turntable import TurntableCalibration
+from ivfmc_ros.calibration.boards.board import Board
+from ivfmc_ros.calibration.camera.bow import Bend
+from ivfmc_ros.calibration.camera.calibrate import CameraCalibration
+from ivfmc_ros.calibration.laser.calibrate import LaserCalibration
+from ivfmc_ros.calibration.turntable.calibrate import steps_of
+from ivfmc_ros.calibration.turntable.calibrate import TurntableCalibration
 
 Document = dict[str, Any]
 

@@ -10,7 +10,7 @@ import click
 
 from ivfmc_ros.angles import load_angles
 from ivfmc_ros.cell.camera_file import load_camera
-from ivfmc_ros.cli.progress import progress_bars
+from ivfmc_ros.cli.support.progress import progress_bars
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.pictures import list_pictures
 from ivfmc_ros.storage.picture_import import import_steps

@@ -19,18 +19,18 @@ from ivfmc_ros.errors import FileError
 from ivfmc_ros.inspection.alignment import Alignment
 from ivfmc_ros.inspection.alignment import from_datums
 from ivfmc_ros.inspection.alignment import METHODS
-from ivfmc_ros.inspection.html import Page
-from ivfmc_ros.inspection.html import write_html
 from ivfmc_ros.inspection.inspect import inspect as run
 from ivfmc_ros.inspection.inspect import Inspection
 from ivfmc_ros.inspection.nominal import read_body
 from ivfmc_ros.inspection.nominal import require_alike
 from ivfmc_ros.inspection.nominal import require_closed
-from ivfmc_ros.inspection.report import write_report
+from ivfmc_ros.inspection.reports.html import Page
+from ivfmc_ros.inspection.reports.html import write_html
+from ivfmc_ros.inspection.reports.json_report import write_report
+from ivfmc_ros.inspection.reports.summary import document
 from ivfmc_ros.inspection.settings import InspectSettings
-from ivfmc_ros.inspection.summary import document
 from ivfmc_ros.inspection.uncertainty import Conditions
-from ivfmc_ros.meshing.export import UNITS
+from ivfmc_ros.meshing.io.export import UNITS
 
 _MM = 1e-3
 _COLOURS = {'pass': 'green', 'fail': 'bold red', 'not decided': 'yellow'}

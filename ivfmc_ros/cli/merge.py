@@ -8,19 +8,19 @@ from typing import Any
 import click
 
 from ivfmc_ros import files
-from ivfmc_ros.cli.progress import progress_bars
 from ivfmc_ros.cli.reconstruct import say
-from ivfmc_ros.cli.settings import reconstruction_options
-from ivfmc_ros.cli.settings import settings_of
-from ivfmc_ros.cli.source import bag_of
-from ivfmc_ros.cli.source import open_bag
-from ivfmc_ros.cli.source import source_options
+from ivfmc_ros.cli.support.progress import progress_bars
+from ivfmc_ros.cli.support.reconstruction_options import reconstruction_options
+from ivfmc_ros.cli.support.reconstruction_options import settings_of
+from ivfmc_ros.cli.support.source import bag_of
+from ivfmc_ros.cli.support.source import open_bag
+from ivfmc_ros.cli.support.source import source_options
 from ivfmc_ros.pipeline import clamping_of
 from ivfmc_ros.pipeline import join
 from ivfmc_ros.pipeline import measure
 from ivfmc_ros.pipeline import Settings
-from ivfmc_ros.registration.bodies import Clamping
-from ivfmc_ros.registration.merge import require_several
+from ivfmc_ros.registration.merge.bodies import Clamping
+from ivfmc_ros.registration.merge.merge import require_several
 from ivfmc_ros.results import write_results
 from ivfmc_ros.storage.stored_scan import retrieve
 

@@ -11,12 +11,12 @@ from rich.console import Console
 
 from ivfmc_ros import files
 from ivfmc_ros.cell.cell import Cell
-from ivfmc_ros.cli.progress import progress_bars
-from ivfmc_ros.cli.settings import reconstruction_options
-from ivfmc_ros.cli.settings import settings_of
-from ivfmc_ros.cli.source import bag_of
-from ivfmc_ros.cli.source import open_bag
-from ivfmc_ros.cli.source import source_options
+from ivfmc_ros.cli.support.progress import progress_bars
+from ivfmc_ros.cli.support.reconstruction_options import reconstruction_options
+from ivfmc_ros.cli.support.reconstruction_options import settings_of
+from ivfmc_ros.cli.support.source import bag_of
+from ivfmc_ros.cli.support.source import open_bag
+from ivfmc_ros.cli.support.source import source_options
 from ivfmc_ros.pipeline import rebuild
 from ivfmc_ros.pipeline import reconstruct as run
 from ivfmc_ros.pipeline import Reconstruction

@@ -14,24 +14,24 @@ import click
 from rich.console import Console
 
 from ivfmc_ros import files
-from ivfmc_ros.cli.bag_player import BagPlayer
-from ivfmc_ros.cli.bag_player import OWN_VIEWS
-from ivfmc_ros.cli.bag_player import target_of
-from ivfmc_ros.cli.bag_player import Track
-from ivfmc_ros.cli.cell_run import NAMESPACE
-from ivfmc_ros.cli.cell_run import namespace_of
-from ivfmc_ros.cli.client import cell_client
-from ivfmc_ros.cli.client import CellClient
-from ivfmc_ros.cli.progress import progress_bars
+from ivfmc_ros.cli.support.bag_player import BagPlayer
+from ivfmc_ros.cli.support.bag_player import OWN_VIEWS
+from ivfmc_ros.cli.support.bag_player import target_of
+from ivfmc_ros.cli.support.bag_player import Track
+from ivfmc_ros.cli.support.cell_run import NAMESPACE
+from ivfmc_ros.cli.support.cell_run import namespace_of
+from ivfmc_ros.cli.support.client import cell_client
+from ivfmc_ros.cli.support.client import CellClient
+from ivfmc_ros.cli.support.progress import progress_bars
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.scan.record import load_parameters
 from ivfmc_ros.scan.request import MOTIONS
-from ivfmc_ros.storage.bag_reader import Bag
-from ivfmc_ros.storage.bag_reader import open_bag
-from ivfmc_ros.storage.profile_head import ProfileHead
-from ivfmc_ros.storage.roles import find_roles
-from ivfmc_ros.storage.roles import Roles
+from ivfmc_ros.storage.bag.reader import Bag
+from ivfmc_ros.storage.bag.reader import open_bag
+from ivfmc_ros.storage.bag.topics import find_roles
+from ivfmc_ros.storage.bag.topics import Roles
+from ivfmc_ros.storage.messages.profile_head import ProfileHead
 from ivfmc_ros.storage.scan_bag import recorded_profiles
 
 _PATH = click.Path(path_type=Path)

@@ -11,16 +11,16 @@ from rich.progress import BarColumn
 from rich.progress import Progress as Bars
 from rich.progress import TextColumn
 
-from ivfmc_ros.cli.cell_run import NAMESPACE
-from ivfmc_ros.cli.cell_run import namespace_of
-from ivfmc_ros.cli.client import cell_client
-from ivfmc_ros.cli.client import CellClient
-from ivfmc_ros.cli.client import error_of
-from ivfmc_ros.cli.client import result_of
+from ivfmc_ros.cli.support.cell_run import NAMESPACE
+from ivfmc_ros.cli.support.cell_run import namespace_of
+from ivfmc_ros.cli.support.client import cell_client
+from ivfmc_ros.cli.support.client import CellClient
+from ivfmc_ros.cli.support.client import error_of
+from ivfmc_ros.cli.support.client import result_of
 from ivfmc_ros.cli.up import interrupted
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import StateError
-from ivfmc_ros.meshing.export import FORMATS
+from ivfmc_ros.meshing.io.export import FORMATS
 from ivfmc_ros.scan.request import MOTIONS
 
 # A node that answers nothing for so long is gone.

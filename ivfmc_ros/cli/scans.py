@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from ivfmc_ros.cli.source import scans_option
+from ivfmc_ros.cli.support.source import scans_option
 from ivfmc_ros.storage.catalogue import Catalogue
 
 

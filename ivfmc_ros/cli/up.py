@@ -13,23 +13,23 @@ from typing import TextIO
 
 import click
 
-from ivfmc_ros.cli.cell_run import CellRun
-from ivfmc_ros.cli.cell_run import make_folder
-from ivfmc_ros.cli.cell_run import NAMESPACE
-from ivfmc_ros.cli.cell_run import namespace_of
-from ivfmc_ros.cli.cell_run import NODES
-from ivfmc_ros.cli.cell_run import OF_HARDWARE
-from ivfmc_ros.cli.cell_run import parse_overrides
-from ivfmc_ros.cli.cell_run import start
-from ivfmc_ros.cli.cell_run import write_bench
-from ivfmc_ros.cli.client import cell_client
-from ivfmc_ros.cli.client import refuse_another
-from ivfmc_ros.cli.processes import Processes
-from ivfmc_ros.cli.processes import Say
+from ivfmc_ros.cli.support.cell_run import CellRun
+from ivfmc_ros.cli.support.cell_run import make_folder
+from ivfmc_ros.cli.support.cell_run import NAMESPACE
+from ivfmc_ros.cli.support.cell_run import namespace_of
+from ivfmc_ros.cli.support.cell_run import NODES
+from ivfmc_ros.cli.support.cell_run import OF_HARDWARE
+from ivfmc_ros.cli.support.cell_run import parse_overrides
+from ivfmc_ros.cli.support.cell_run import start
+from ivfmc_ros.cli.support.cell_run import write_bench
+from ivfmc_ros.cli.support.client import cell_client
+from ivfmc_ros.cli.support.client import refuse_another
+from ivfmc_ros.cli.support.processes import Processes
+from ivfmc_ros.cli.support.processes import Say
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import ParameterError
-from ivfmc_ros.nodes.environment import config_file
+from ivfmc_ros.nodes.framework.environment import config_file
 
 _PATH = click.Path(path_type=Path)
 _WIDTH = max(len(name) for name in NODES)

@@ -11,8 +11,8 @@ import time
 from ivfmc_ros.devices.beam import Beam
 from ivfmc_ros.devices.beam import BeamKeeper
 from ivfmc_ros.devices.beam import BeamRules
-from ivfmc_ros.devices.board import BoardState
-from ivfmc_ros.devices.board import MotionBoard
+from ivfmc_ros.devices.controller import BoardState
+from ivfmc_ros.devices.controller import MotionBoard
 from ivfmc_ros.errors import DeviceError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import StoppedError

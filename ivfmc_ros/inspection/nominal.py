@@ -11,7 +11,7 @@ from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.meshing import topology
-from ivfmc_ros.meshing.export import UNITS
+from ivfmc_ros.meshing.io.export import UNITS
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 

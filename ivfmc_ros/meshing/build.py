@@ -9,17 +9,17 @@ import numpy as np
 
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import GeometryError
-from ivfmc_ros.meshing import samples as sampling
+from ivfmc_ros.meshing.decimate import decimated
 from ivfmc_ros.meshing.integrate import integrate
-from ivfmc_ros.meshing.join import join_views
 from ivfmc_ros.meshing.poisson import poisson
+from ivfmc_ros.meshing.samples import samples as sampling
+from ivfmc_ros.meshing.samples.view_samples import from_views
 from ivfmc_ros.meshing.settings import MeshSettings
-from ivfmc_ros.meshing.thin import decimated
-from ivfmc_ros.meshing.view_samples import from_views
+from ivfmc_ros.meshing.zipper import join_views
 from ivfmc_ros.model import Mesh
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
-from ivfmc_ros.registration.views import spacing
+from ivfmc_ros.registration.views.assemble import spacing
 
 # Points of one surface are at most this many point spacings apart.
 _REACH = 5.0

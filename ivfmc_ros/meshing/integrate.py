@@ -12,19 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from ivfmc_ros.errors import GeometryError
+from ivfmc_ros.meshing import components
 from ivfmc_ros.meshing import denoise
-from ivfmc_ros.meshing import field
-from ivfmc_ros.meshing import fill
-from ivfmc_ros.meshing import nets
 from ivfmc_ros.meshing import normals
-from ivfmc_ros.meshing import pieces
 from ivfmc_ros.meshing import topology
-from ivfmc_ros.meshing import volume
-from ivfmc_ros.meshing.carve import carve
 from ivfmc_ros.meshing.parallel import in_parts
-from ivfmc_ros.meshing.samples import Samples
+from ivfmc_ros.meshing.samples.samples import Samples
 from ivfmc_ros.meshing.settings import MeshSettings
-from ivfmc_ros.meshing.spread import Spread
+from ivfmc_ros.meshing.tsdf import fill
+from ivfmc_ros.meshing.tsdf import signed_distance
+from ivfmc_ros.meshing.tsdf import surface_nets
+from ivfmc_ros.meshing.tsdf import volume
+from ivfmc_ros.meshing.tsdf.blur import Spread
+from ivfmc_ros.meshing.tsdf.space_carving import carve
 from ivfmc_ros.model import BASE
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import BRIDGED
@@ -46,7 +46,9 @@ _FOOT_RINGS = 6
 _FACING_DOWN = -0.5  # cosine
 # Mean of the kernel over a plane of samples, weighted by itself: one over how many voxels' worth
 # of samples are averaged.
-_MEAN_KERNEL = 1.0 / (np.sqrt(2.0 * np.pi) * field.SPREAD * 4.0 * np.pi * field.SPREAD**2)
+_MEAN_KERNEL = 1.0 / (
+    np.sqrt(2.0 * np.pi) * signed_distance.SPREAD * 4.0 * np.pi * signed_distance.SPREAD**2
+)
 # Diagonals whose halves are bent alike within this (cosine) are chosen by their length.
 _ALIKE = 0.01
 _AT_ONCE = 1 << 14  # quads
@@ -79,27 +81,29 @@ def integrate(samples: Samples, voxel: float, settings: MeshSettings) -> Mesh:
             f'meshing: {len(samples)} points have neighbours on the surface, which make none; '
             'raise max_edge or scan in finer steps'
         )
-    grid = field.grid_of(samples, voxel, settings.floor)
-    sums = field.sum_up(grid, samples)
+    grid = signed_distance.grid_of(samples, voxel, settings.floor)
+    sums = signed_distance.sum_up(grid, samples)
     blocks = sums.blocks
     with ThreadPoolExecutor(1) as beside:
         filling = beside.submit(_fill, sums, samples, settings.floor)
-        measured, weight = field.distance(sums)
+        measured, weight = signed_distance.distance(sums)
         carve(blocks, measured, samples)
     coarse = filling.result()
-    net = nets.extract(*volume.whole_distance(blocks, measured, coarse, settings.floor))
+    net = surface_nets.extract(*volume.whole_distance(blocks, measured, coarse, settings.floor))
     shell = _shell(sums, weight, net, settings.floor)
     noise = np.nan_to_num(shell.sigma)[net.quads].max(axis=1) * (_NORMAL_NOISE / voxel)
     vertices = denoise.denoised(net.vertices, net.quads, noise, settings.smoothing)
     return _mesh(grid.points(vertices), net.quads, shell, voxel, settings)
 
 
-def _fill(sums: field.Sums, samples: Samples, floor: float | None) -> fill.Coarse:
+def _fill(sums: signed_distance.Sums, samples: Samples, floor: float | None) -> fill.Coarse:
     empty = fill.looked_through(sums.blocks.grid, samples)
     return fill.fill(sums.blocks, sums, empty, floor)
 
 
-def _shell(sums: field.Sums, weight: Singles, net: nets.Nets, floor: float | None) -> _Shell:
+def _shell(
+    sums: signed_distance.Sums, weight: Singles, net: surface_nets.Nets, floor: float | None
+) -> _Shell:
     blocks = sums.blocks
     place = blocks.place(net.cells)
     counts, light = sums.spread.around(sums.seen, place).T
@@ -119,7 +123,7 @@ def _shell(sums: field.Sums, weight: Singles, net: nets.Nets, floor: float | Non
     )
 
 
-def _kinds(net: nets.Nets, seen: Bools, told: Bools, level: float | None) -> Kinds:
+def _kinds(net: surface_nets.Nets, seen: Bools, told: Bools, level: float | None) -> Kinds:
     """
     Tell what was measured, what lies below all that was, and what fills a hole.
 
@@ -138,7 +142,7 @@ def _kinds(net: nets.Nets, seen: Bools, told: Bools, level: float | None) -> Kin
     return kind
 
 
-def _foot(net: nets.Nets, seen: Bools, level: float) -> Bools:
+def _foot(net: surface_nets.Nets, seen: Bools, level: float) -> Bools:
     """Tell which quads go on with a wall that was seen to just above the platter, down to it."""
     on_platter = ~seen & (np.abs(net.vertices[:, 2] - level) < 1.0)
     below, above = [seen], [on_platter]
@@ -151,7 +155,7 @@ def _foot(net: nets.Nets, seen: Bools, level: float) -> Bools:
     return np.asarray(upright & between[net.quads].all(axis=1))
 
 
-def _grown(net: nets.Nets, chosen: Bools, rings: int) -> Bools:
+def _grown(net: surface_nets.Nets, chosen: Bools, rings: int) -> Bools:
     """Add ``rings`` rings of neighbours to a choice of vertices."""
     for _ in range(rings):
         touched = chosen[net.quads].any(axis=1)
@@ -190,7 +194,7 @@ def _wanted(
     chosen = np.flatnonzero(kind <= _LAST_KIND[settings.close])
     piece = topology.pieces(quads[chosen], count)
     for _ in range(2):
-        solid = pieces.solid(piece, kind[chosen], settings.island // 2)
+        solid = components.solid(piece, kind[chosen], settings.island // 2)
         chosen, piece = chosen[solid], piece[solid]
         if settings.close == 'all':
             break
@@ -199,7 +203,7 @@ def _wanted(
             break
         chosen = chosen[untied]
         piece = topology.pieces(quads[chosen], count)
-    gone, flying = pieces.flying(vertices_xyz, quads[chosen], piece, voxel)
+    gone, flying = components.flying(vertices_xyz, quads[chosen], piece, voxel)
     return chosen[~gone], flying
 
 

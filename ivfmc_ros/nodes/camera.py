@@ -15,21 +15,21 @@ from sensor_msgs.srv import SetCameraInfo
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.cell.camera_file import load_camera
 from ivfmc_ros.cell.camera_file import save_camera
-from ivfmc_ros.devices.camera import CameraDevice
-from ivfmc_ros.devices.camera import Exposure
-from ivfmc_ros.devices.camera import Picture
-from ivfmc_ros.devices.capture import Capture
-from ivfmc_ros.devices.folder_camera import FolderCamera
-from ivfmc_ros.devices.opencv_camera import OpencvCamera
+from ivfmc_ros.devices.cameras.capture import Capture
+from ivfmc_ros.devices.cameras.device import CameraDevice
+from ivfmc_ros.devices.cameras.device import Exposure
+from ivfmc_ros.devices.cameras.device import Picture
+from ivfmc_ros.devices.cameras.folder import FolderCamera
+from ivfmc_ros.devices.cameras.opencv import OpencvCamera
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import ScanError
-from ivfmc_ros.nodes.answers import describe
-from ivfmc_ros.nodes.base import run
-from ivfmc_ros.nodes.health import Level
-from ivfmc_ros.nodes.images import to_image
-from ivfmc_ros.nodes.lifecycle import LifecycleCellNode
-from ivfmc_ros.nodes.stamps import header
-from ivfmc_ros.storage.camera_info import camera_of
+from ivfmc_ros.nodes.convert.images import to_image
+from ivfmc_ros.nodes.convert.stamps import header
+from ivfmc_ros.nodes.framework.base import run
+from ivfmc_ros.nodes.framework.health import Level
+from ivfmc_ros.nodes.framework.json_response import describe
+from ivfmc_ros.nodes.framework.lifecycle import LifecycleCellNode
+from ivfmc_ros.storage.messages.camera_info import camera_of
 
 _PLACES = {'simulated': 'simulation', 'opencv': 'device', 'folder': 'folder'}
 
@@ -108,7 +108,7 @@ class CameraNode(LifecycleCellNode):
             raise ParameterError(f'{_PLACES[backend]}: is needed for the backend {backend}')
         if backend == 'simulated':
             # the only place where the graph knows of a simulation
-            from ivfmc_ros.simulation.live_camera import SimulatedCamera
+            from ivfmc_ros.simulation.live.camera import SimulatedCamera
 
             return SimulatedCamera(Path(place).expanduser(), self._exposure())
         if backend == 'folder':

@@ -15,19 +15,19 @@ from visualization_msgs.msg import Marker
 
 from ivfmc_ros.errors import BusyError
 from ivfmc_ros.errors import NotReadyError
-from ivfmc_ros.meshing.export import FORMATS
-from ivfmc_ros.meshing.export import require_formats
+from ivfmc_ros.meshing.io.export import FORMATS
+from ivfmc_ros.meshing.io.export import require_formats
 from ivfmc_ros.model import View
-from ivfmc_ros.nodes import clouds
-from ivfmc_ros.nodes import jobs
-from ivfmc_ros.nodes import meshes
-from ivfmc_ros.nodes.base import CellNode
-from ivfmc_ros.nodes.base import run
-from ivfmc_ros.nodes.cell_source import CellSource
-from ivfmc_ros.nodes.health import Level
-from ivfmc_ros.nodes.stamps import nanoseconds
+from ivfmc_ros.nodes import worker_jobs
+from ivfmc_ros.nodes.convert import clouds
+from ivfmc_ros.nodes.convert import meshes
+from ivfmc_ros.nodes.convert.stamps import nanoseconds
+from ivfmc_ros.nodes.framework.base import CellNode
+from ivfmc_ros.nodes.framework.base import run
+from ivfmc_ros.nodes.framework.cell_source import CellSource
+from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.pipeline import Settings
-from ivfmc_ros.storage.view_poses import to_poses
+from ivfmc_ros.storage.messages.view_poses import to_poses
 from ivfmc_ros.worker import Worker
 
 # Seconds without a further view, after which those that came are all.
@@ -101,7 +101,7 @@ class Mesher(CellNode):
             cell, settings = self._source.cell(), self._settings()
             made = await self.in_thread(
                 self._worker.run,
-                jobs.build,
+                worker_jobs.build,
                 cell,
                 views,
                 to_poses(message, views, 'view_poses'),

@@ -29,17 +29,17 @@ from ivfmc_ros.errors import BusyError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.errors import StateError
-from ivfmc_ros.nodes import qos
-from ivfmc_ros.nodes.adaptive import AdaptiveSubscription
-from ivfmc_ros.nodes.base import CellNode
-from ivfmc_ros.nodes.base import run
-from ivfmc_ros.nodes.health import Level
+from ivfmc_ros.nodes.framework import qos
+from ivfmc_ros.nodes.framework.adaptive_subscription import AdaptiveSubscription
+from ivfmc_ros.nodes.framework.base import CellNode
+from ivfmc_ros.nodes.framework.base import run
+from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.storage.catalogue import Catalogue
+from ivfmc_ros.storage.catalogue_writer import Notes
 from ivfmc_ros.storage.live_recorder import LiveRecorder
 from ivfmc_ros.storage.live_recorder import Place
-from ivfmc_ros.storage.notes import Notes
-from ivfmc_ros.storage.profile_head import ProfileHead
-from ivfmc_ros.storage.profile_head import read_head
+from ivfmc_ros.storage.messages.profile_head import ProfileHead
+from ivfmc_ros.storage.messages.profile_head import read_head
 
 TYPES = {
     'image_raw': Image,

@@ -24,14 +24,14 @@ from ivfmc_ros.errors import TimeoutExceededError
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import Profile
 from ivfmc_ros.model import View
-from ivfmc_ros.nodes import clouds
-from ivfmc_ros.nodes import jobs
-from ivfmc_ros.nodes import poses
-from ivfmc_ros.nodes.base import CellNode
-from ivfmc_ros.nodes.base import run
-from ivfmc_ros.nodes.cell_source import CellSource
-from ivfmc_ros.nodes.health import Level
-from ivfmc_ros.nodes.waiting import Waiting
+from ivfmc_ros.nodes import worker_jobs
+from ivfmc_ros.nodes.convert import clouds
+from ivfmc_ros.nodes.convert import poses
+from ivfmc_ros.nodes.framework.base import CellNode
+from ivfmc_ros.nodes.framework.base import run
+from ivfmc_ros.nodes.framework.cell_source import CellSource
+from ivfmc_ros.nodes.framework.futures import Waiting
+from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.registration.arrivals import Arrivals
 from ivfmc_ros.worker import Job
@@ -151,7 +151,7 @@ class Registrar(CellNode):
     async def _merge(self) -> Mapping[str, Any]:
         self._arrivals = Arrivals()
         made = await self._work(
-            jobs.merge_scans, self.get('scan_root'), self.get('merge'), self._settings()
+            worker_jobs.merge_scans, self.get('scan_root'), self.get('merge'), self._settings()
         )
         self._publish(made.views, made.poses, self.now_ns())
         return {
@@ -194,7 +194,9 @@ class Registrar(CellNode):
         # what is being placed must not come after what is final
         self._arrivals = Arrivals()
         profiles = [self._profiles[seq] for seq in sorted(self._profiles)]
-        made = await self._work(jobs.register, self._source.cell(), profiles, self._settings())
+        made = await self._work(
+            worker_jobs.register, self._source.cell(), profiles, self._settings()
+        )
         self._publish(made.views, made.poses, self._stamp_ns + self._round)
         # registered again, perhaps otherwise, it must not be taken for what was before
         self._round += 1

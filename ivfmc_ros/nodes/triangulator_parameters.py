@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from collections.abc import Sequence
 from typing import Any
 
-from ivfmc_ros.nodes.parameters import ParameterNode
-from ivfmc_ros.storage.matching import MatchSettings
-from ivfmc_ros.storage.matching import MOTIONS
+from ivfmc_ros.nodes.framework.parameters import ParameterNode
+from ivfmc_ros.storage.frame_matching import MatchSettings
+from ivfmc_ros.storage.frame_matching import MOTIONS
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 
 LASER_SOURCES = ('topic', 'always_on')

@@ -16,17 +16,17 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ivfmc_ros.devices.beam import BeamKeeper
 from ivfmc_ros.devices.beam import BeamRules
-from ivfmc_ros.devices.board import BoardState
-from ivfmc_ros.devices.grbl import GrblBoard
-from ivfmc_ros.devices.grbl_settings import GrblSettings
-from ivfmc_ros.devices.grbl_settings import OUTPUTS
+from ivfmc_ros.devices.controller import BoardState
+from ivfmc_ros.devices.grbl.controller import GrblBoard
+from ivfmc_ros.devices.grbl.settings import GrblSettings
+from ivfmc_ros.devices.grbl.settings import OUTPUTS
 from ivfmc_ros.devices.turntable import TurntableDriver
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import StateError
-from ivfmc_ros.nodes.answers import Answer
-from ivfmc_ros.nodes.base import run
-from ivfmc_ros.nodes.health import Level
-from ivfmc_ros.nodes.lifecycle import LifecycleCellNode
+from ivfmc_ros.nodes.framework.base import run
+from ivfmc_ros.nodes.framework.health import Level
+from ivfmc_ros.nodes.framework.json_response import Answer
+from ivfmc_ros.nodes.framework.lifecycle import LifecycleCellNode
 
 _LASER_PERIOD_NS = 100_000_000
 # alarms in which nothing is known of the position

@@ -14,10 +14,10 @@ from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
 from ivfmc_ros.registration.icp import icp
 from ivfmc_ros.registration.icp import IcpResult
-from ivfmc_ros.registration.prior import TablePrior
+from ivfmc_ros.registration.solver.prior import TablePrior
+from ivfmc_ros.registration.solver.verdict import Verdict
 from ivfmc_ros.registration.table import joint_poses
-from ivfmc_ros.registration.verdict import Verdict
-from ivfmc_ros.registration.views import grid_normals
+from ivfmc_ros.registration.views.assemble import grid_normals
 
 __all__ = ['METHODS', 'Verdict', 'align']
 

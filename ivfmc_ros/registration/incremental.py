@@ -10,14 +10,14 @@ import numpy as np
 
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import View
-from ivfmc_ros.registration.patches import fit_patches
-from ivfmc_ros.registration.patches import joined
-from ivfmc_ros.registration.patches import Patches
-from ivfmc_ros.registration.prior import TablePrior
-from ivfmc_ros.registration.samples import common_edge
-from ivfmc_ros.registration.samples import sample
+from ivfmc_ros.registration.solver.downsample import common_edge
+from ivfmc_ros.registration.solver.downsample import sample
+from ivfmc_ros.registration.solver.prior import TablePrior
+from ivfmc_ros.registration.solver.surfels import fit_patches
+from ivfmc_ros.registration.solver.surfels import joined
+from ivfmc_ros.registration.solver.surfels import Patches
+from ivfmc_ros.registration.solver.verdict import Verdict
 from ivfmc_ros.registration.table import place_on
-from ivfmc_ros.registration.verdict import Verdict
 
 # So few samples of a view are enough for a first placing, each the mean of so many rows at most.
 _MOST, _ROWS = 700, 3

@@ -9,10 +9,10 @@ import numpy as np
 
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
-from ivfmc_ros.registration.joint import meetings
-from ivfmc_ros.registration.joint import Scene
+from ivfmc_ros.registration.solver.gauss_newton import meetings
+from ivfmc_ros.registration.solver.gauss_newton import Scene
+from ivfmc_ros.registration.solver.verdict import trimmed_rms
 from ivfmc_ros.registration.table import surface_patches
-from ivfmc_ros.registration.verdict import trimmed_rms
 
 # Beyond so many times the points' own noise the lasers' planes, or the axis, do not fit.
 _LIMIT = 4.0

@@ -11,11 +11,11 @@ import numpy as np
 
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ScanError
-from ivfmc_ros.inspection.html import write_html
 from ivfmc_ros.inspection.nominal import read_body
 from ivfmc_ros.inspection.nominal import SUFFIXES
-from ivfmc_ros.inspection.overview import write_mesh_sheet
-from ivfmc_ros.inspection.scan_page import scan_page
+from ivfmc_ros.inspection.reports.html import write_html
+from ivfmc_ros.inspection.reports.overview import write_mesh_sheet
+from ivfmc_ros.inspection.reports.scan_page import scan_page
 from ivfmc_ros.model import Mesh
 from ivfmc_ros.model import Poses
 from ivfmc_ros.storage.scan_contents import scan_contents

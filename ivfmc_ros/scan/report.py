@@ -10,7 +10,7 @@ import sys
 from typing import Any
 
 from ivfmc_ros.errors import FileError
-from ivfmc_ros.inspection.report import write_report
+from ivfmc_ros.inspection.reports.json_report import write_report
 from ivfmc_ros.scan.job import Outcome
 
 REPORT = 'report.json'

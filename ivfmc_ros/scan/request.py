@@ -9,9 +9,9 @@ import re
 from typing import Any
 
 from ivfmc_ros.errors import ParameterError
-from ivfmc_ros.meshing.export import FORMATS
-from ivfmc_ros.meshing.export import require_formats
-from ivfmc_ros.meshing.export import UNITS
+from ivfmc_ros.meshing.io.export import FORMATS
+from ivfmc_ros.meshing.io.export import require_formats
+from ivfmc_ros.meshing.io.export import UNITS
 
 MOTIONS = ('continuous', 'step')
 

@@ -18,21 +18,21 @@ import signal
 import sys
 import threading
 
-from ivfmc_ros.devices.ramp import Motion
-from ivfmc_ros.devices.ramp import Piece
+from ivfmc_ros.devices.motion.ramp import Motion
+from ivfmc_ros.devices.motion.ramp import Piece
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.simulation.bench import bench_cell
-from ivfmc_ros.simulation.board_emulator import BoardEmulator
-from ivfmc_ros.simulation.grbl_modes import Outputs
-from ivfmc_ros.simulation.live_folder import LiveDescription
-from ivfmc_ros.simulation.live_folder import LiveFolder
-from ivfmc_ros.simulation.live_truth import TruthWriter
-from ivfmc_ros.simulation.optics import Optics
-from ivfmc_ros.simulation.optics import with_thickness
-from ivfmc_ros.simulation.parts import demo_part
-from ivfmc_ros.simulation.solids import load_stl
-from ivfmc_ros.simulation.solids import Solid
+from ivfmc_ros.simulation.grbl.emulator import BoardEmulator
+from ivfmc_ros.simulation.grbl.modes import Outputs
+from ivfmc_ros.simulation.live.folder import LiveDescription
+from ivfmc_ros.simulation.live.folder import LiveFolder
+from ivfmc_ros.simulation.live.truth import TruthWriter
+from ivfmc_ros.simulation.parts.loading import load_stl
+from ivfmc_ros.simulation.parts.loading import Solid
+from ivfmc_ros.simulation.parts.solids import demo_part
+from ivfmc_ros.simulation.render.optics import Optics
+from ivfmc_ros.simulation.render.optics import with_thickness
 
 _DEGREE = math.pi / 180
 

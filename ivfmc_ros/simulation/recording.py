@@ -9,7 +9,7 @@ from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.model import Frame
 from ivfmc_ros.progress import Progress
 from ivfmc_ros.progress import silent
-from ivfmc_ros.storage.bag_writer import BagWriter
+from ivfmc_ros.storage.bag.writer import BagWriter
 
 # longer than it takes to switch, shorter than the pause between two exposures
 _SETTLING_NS = 5_000_000

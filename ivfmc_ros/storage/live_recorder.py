@@ -21,13 +21,13 @@ from typing import IO
 
 from ivfmc_ros import files
 from ivfmc_ros.errors import FileError
-from ivfmc_ros.storage import bag_writer
-from ivfmc_ros.storage import cdr
-from ivfmc_ros.storage import metadata
-from ivfmc_ros.storage.chunk_file import ChunkFile
-from ivfmc_ros.storage.profile_head import ProfileHead
+from ivfmc_ros.storage.bag import metadata
+from ivfmc_ros.storage.bag import writer
+from ivfmc_ros.storage.bag.chunk_file import ChunkFile
+from ivfmc_ros.storage.messages import cdr
+from ivfmc_ros.storage.messages.profile_head import ProfileHead
 
-PART_NAME = f'{bag_writer.FILE_NAME}.part'
+PART_NAME = f'{writer.FILE_NAME}.part'
 
 # A chunk holds what came within so many seconds or bytes: what is not in a chunk is not readable.
 _FLUSH_S = 0.25
@@ -176,7 +176,7 @@ class LiveRecorder:
         self._thread.join()
         if self.error is not None:
             raise FileError(self.error)
-        return self.folder / bag_writer.FILE_NAME
+        return self.folder / writer.FILE_NAME
 
     def _run(self) -> None:
         try:
@@ -270,12 +270,12 @@ class LiveRecorder:
             metadata.Channel(**{**vars(topic.channel), 'count': topic.count})
             for topic in self._topics.values()
         ]
-        info = metadata.information(bag_writer.FILE_NAME, channels, *(self._span or (0, 0)))
+        info = metadata.information(writer.FILE_NAME, channels, *(self._span or (0, 0)))
         self._mcap.metadata('rosbag2', {'serialized_metadata': metadata.dump(info)})
         self._mcap.finish()
         self._stream.flush()
         os.fsync(self._stream.fileno())
-        (self.folder / PART_NAME).rename(self.folder / bag_writer.FILE_NAME)
+        (self.folder / PART_NAME).rename(self.folder / writer.FILE_NAME)
         document = metadata.dump({'rosbag2_bagfile_information': info})
         files.write_text(self.folder / metadata.FILE_NAME, document)
 
@@ -307,7 +307,7 @@ _TICK = _Item(topic='', msgtype='', data=b'', log_time_ns=0, latched=False, mark
 
 
 def _begin(folder: Path) -> IO[bytes]:
-    whole = folder / bag_writer.FILE_NAME
+    whole = folder / writer.FILE_NAME
     if whole.exists():
         raise FileError(f'{whole}: exists already and is not overwritten')
     try:

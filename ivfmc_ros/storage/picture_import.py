@@ -21,8 +21,8 @@ from ivfmc_ros.pictures import is_png
 from ivfmc_ros.pictures import read_bytes
 from ivfmc_ros.progress import Progress
 from ivfmc_ros.progress import silent
-from ivfmc_ros.storage import cdr
-from ivfmc_ros.storage.bag_writer import BagWriter
+from ivfmc_ros.storage.bag.writer import BagWriter
+from ivfmc_ros.storage.messages import cdr
 
 # Pictures do not say when they were taken; a fixed time makes the same bag of the same pictures.
 START_NS = 1_000_000_000 * cdr.NANOSECONDS

@@ -12,16 +12,16 @@ from ivfmc_ros.model import Image
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import Profile
 from ivfmc_ros.model import View
-from ivfmc_ros.storage import cdr
-from ivfmc_ros.storage.bag_reader import Bag
-from ivfmc_ros.storage.bag_reader import open_bag
-from ivfmc_ros.storage.image_decoding import decode_compressed
-from ivfmc_ros.storage.image_decoding import decode_image
-from ivfmc_ros.storage.messages import COMPRESSED_IMAGE
-from ivfmc_ros.storage.messages import IMAGE
-from ivfmc_ros.storage.point_clouds import to_profile
-from ivfmc_ros.storage.point_clouds import to_view
-from ivfmc_ros.storage.view_poses import to_poses
+from ivfmc_ros.storage.bag.reader import Bag
+from ivfmc_ros.storage.bag.reader import open_bag
+from ivfmc_ros.storage.messages import cdr
+from ivfmc_ros.storage.messages.build import COMPRESSED_IMAGE
+from ivfmc_ros.storage.messages.build import IMAGE
+from ivfmc_ros.storage.messages.image_decoding import decode_compressed
+from ivfmc_ros.storage.messages.image_decoding import decode_image
+from ivfmc_ros.storage.messages.point_clouds import to_profile
+from ivfmc_ros.storage.messages.point_clouds import to_view
+from ivfmc_ros.storage.messages.view_poses import to_poses
 
 _SAMPLES = 4
 _PICTURES = {'image_raw': IMAGE, 'image_raw/compressed': COMPRESSED_IMAGE}

@@ -24,14 +24,14 @@ from ivfmc_ros.cell.cell_file import load_cell
 from ivfmc_ros.errors import BagError
 from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.model import Profile
-from ivfmc_ros.storage.bag_reader import DAMAGE
-from ivfmc_ros.storage.bag_reader import open_bag
-from ivfmc_ros.storage.bag_reader import Raw
-from ivfmc_ros.storage.bag_writer import FILE_NAME
+from ivfmc_ros.storage.bag.reader import DAMAGE
+from ivfmc_ros.storage.bag.reader import open_bag
+from ivfmc_ros.storage.bag.reader import Raw
+from ivfmc_ros.storage.bag.writer import FILE_NAME
 from ivfmc_ros.storage.catalogue import Catalogue
 from ivfmc_ros.storage.catalogue import ProfileRow
 from ivfmc_ros.storage.live_recorder import PART_NAME
-from ivfmc_ros.storage.point_clouds import to_profile
+from ivfmc_ros.storage.messages.point_clouds import to_profile
 
 _RECORD = struct.Struct('<BQ')
 

@@ -12,7 +12,7 @@ from ivfmc_ros.errors import BagError
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
-from ivfmc_ros.storage import cdr
+from ivfmc_ros.storage.messages import cdr
 
 # What the table does just before the first and after the last report is guessed this far.
 TOLERANCE_S = 0.25

@@ -19,18 +19,18 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Image
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
-from ivfmc_ros.stripe import along
-from ivfmc_ros.stripe import path
+from ivfmc_ros.stripe import path_search
 from ivfmc_ros.stripe import peaks
-from ivfmc_ros.stripe import trust
+from ivfmc_ros.stripe import quality
+from ivfmc_ros.stripe import smoothing
 from ivfmc_ros.stripe.estimators import BLUNT
 from ivfmc_ros.stripe.estimators import DEFAULT
 from ivfmc_ros.stripe.estimators import METHODS
+from ivfmc_ros.stripe.estimators.patches import Estimate
+from ivfmc_ros.stripe.estimators.patches import Patches
 from ivfmc_ros.stripe.noise import Noise
-from ivfmc_ros.stripe.part import Part
-from ivfmc_ros.stripe.patches import Estimate
-from ivfmc_ros.stripe.patches import Patches
 from ivfmc_ros.stripe.region import Region
+from ivfmc_ros.stripe.roi import Part
 from ivfmc_ros.stripe.settings import ExtractSettings
 from ivfmc_ros.stripe.stripe import Stripe
 
@@ -75,11 +75,11 @@ def extract(
     if len(rows):
         kept &= estimate.width <= settings.max_widening * np.median(estimate.width)
     if settings.doubt:
-        doubt = trust.doubt(rows, u, estimate, settings.least_width)
+        doubt = quality.doubt(rows, u, estimate, settings.least_width)
         sigma = np.hypot(sigma, doubt)
         kept &= np.hypot(known, doubt) <= settings.max_doubt * estimate.width
     if settings.along and len(rows):
-        u, sigma = along.smooth(rows, u, sigma, settings.along)
+        u, sigma = smoothing.smooth(rows, u, sigma, settings.along)
     u, rows = u + part.first[1], rows + part.first[0]
     found = Stripe(
         uv=np.stack([u, rows] if stripe == 'rows' else [rows, u], axis=1),
@@ -138,7 +138,7 @@ def stripe_patches(part: Part, settings: ExtractSettings) -> Iterator[tuple[Ints
         dark=part.scale * part.dark,
     )
     candidates = peaks.find(part.grey, part.scale, search, part.mask)
-    index = path.choose(candidates) if settings.path else path.brightest(candidates)
+    index = path_search.choose(candidates) if settings.path else path_search.brightest(candidates)
     rows = np.flatnonzero(index >= 0)
     chosen = _steadied(candidates[rows, index[rows]])
     limits = _valleys(candidates, rows, chosen)
@@ -150,7 +150,7 @@ def stripe_patches(part: Part, settings: ExtractSettings) -> Iterator[tuple[Ints
 
 def _steadied(chosen: peaks.Peaks) -> peaks.Peaks:
     """Return peaks none of which is much wider than those around: it has merged with a ghost."""
-    usual = trust.usual_width(chosen.width)
+    usual = quality.usual_width(chosen.width)
     return replace(chosen, width=np.minimum(chosen.width, _MERGED * usual))
 
 

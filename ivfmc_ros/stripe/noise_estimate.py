@@ -20,11 +20,11 @@ from ivfmc_ros.errors import CalibrationError
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Image
 from ivfmc_ros.model import Ints
+from ivfmc_ros.stripe.estimators.gaussian import Residuals
+from ivfmc_ros.stripe.estimators.gaussian import residuals
 from ivfmc_ros.stripe.extract import stripe_patches
-from ivfmc_ros.stripe.gaussian import Residuals
-from ivfmc_ros.stripe.gaussian import residuals
 from ivfmc_ros.stripe.noise import Noise
-from ivfmc_ros.stripe.part import Part
+from ivfmc_ros.stripe.roi import Part
 from ivfmc_ros.stripe.settings import ExtractSettings
 
 _ROUNDS = 4

@@ -23,11 +23,11 @@ from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Profile
 from ivfmc_ros.model import Singles
 from ivfmc_ros.stripe import channel
-from ivfmc_ros.stripe.gaussian import fit
+from ivfmc_ros.stripe.estimators.gaussian import fit
+from ivfmc_ros.stripe.estimators.patches import Estimate
+from ivfmc_ros.stripe.estimators.patches import FULL
+from ivfmc_ros.stripe.estimators.patches import Patches
 from ivfmc_ros.stripe.noise import Noise
-from ivfmc_ros.stripe.patches import Estimate
-from ivfmc_ros.stripe.patches import FULL
-from ivfmc_ros.stripe.patches import Patches
 from ivfmc_ros.stripe.peaks import Peaks
 from ivfmc_ros.stripe.settings import ExtractSettings
 from ivfmc_ros.stripe.stripe import Stripe

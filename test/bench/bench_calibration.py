@@ -9,23 +9,23 @@ import tempfile
 
 import cv2
 import numpy as np
-from real_scan import measured_scan
 from scipy.optimize import least_squares
+from support.real_scan import measured_scan
 
 from bench import at_most
 from bench import Number
-from ivfmc_ros.calibration.boards import parse_board
-from ivfmc_ros.calibration.camera import calibrate_camera
-from ivfmc_ros.calibration.camera import CameraCalibration
-from ivfmc_ros.calibration.laser import calibrate_laser
-from ivfmc_ros.calibration.laser import LaserSettings
-from ivfmc_ros.calibration.markers import parse_markers
-from ivfmc_ros.calibration.platter import find_platter_stripes
-from ivfmc_ros.calibration.sightings import see_platter
-from ivfmc_ros.calibration.turntable import calibrate_turntable
-from ivfmc_ros.calibration.turntable import first_axis
-from ivfmc_ros.calibration.turntable import TurntableCalibration
-from ivfmc_ros.calibration.views import find_views
+from ivfmc_ros.calibration.boards.board import parse_board
+from ivfmc_ros.calibration.boards.markers import parse_markers
+from ivfmc_ros.calibration.boards.views import find_views
+from ivfmc_ros.calibration.camera.calibrate import calibrate_camera
+from ivfmc_ros.calibration.camera.calibrate import CameraCalibration
+from ivfmc_ros.calibration.laser.calibrate import calibrate_laser
+from ivfmc_ros.calibration.laser.calibrate import LaserSettings
+from ivfmc_ros.calibration.turntable.calibrate import calibrate_turntable
+from ivfmc_ros.calibration.turntable.calibrate import first_axis
+from ivfmc_ros.calibration.turntable.calibrate import TurntableCalibration
+from ivfmc_ros.calibration.turntable.platter import find_platter_stripes
+from ivfmc_ros.calibration.turntable.sightings import see_platter
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.cell.cell import Cell
@@ -34,9 +34,9 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.pictures import list_pictures
 from ivfmc_ros.simulation.bench import bench_cell
 from ivfmc_ros.simulation.bench import LASER_AZIMUTHS
-from ivfmc_ros.simulation.boards import render_board
-from ivfmc_ros.simulation.boards import render_platter_board
-from ivfmc_ros.simulation.boards import scatter_poses
+from ivfmc_ros.simulation.boards.pictures import render_board
+from ivfmc_ros.simulation.boards.pictures import render_platter_board
+from ivfmc_ros.simulation.boards.pictures import scatter_poses
 
 CHESSBOARD = parse_board('chessboard:17x12:8mm')
 CHARUCO = parse_board('charuco:10x7:12mm:9mm:DICT_4X4_50')

@@ -15,21 +15,21 @@ import tempfile
 import time
 from typing import Any
 
-from graph_rig import Client
-from graph_rig import node_environment
-from graph_rig import running
 import numpy as np
 from sensor_msgs.msg import PointCloud2
+from support.graph_rig import Client
+from support.graph_rig import node_environment
+from support.graph_rig import running
 
 from bench import at_least
 from bench import Number
 from ivfmc_ros.cell.cell_file import save_cell
-from ivfmc_ros.nodes.clouds import records_of
-from ivfmc_ros.nodes.stamps import nanoseconds
+from ivfmc_ros.nodes.convert.clouds import records_of
+from ivfmc_ros.nodes.convert.stamps import nanoseconds
 from ivfmc_ros.simulation.bench import bench_cell
-from ivfmc_ros.simulation.parts import demo_part
-from ivfmc_ros.simulation.render import simulate_scan
-from ivfmc_ros.storage.bag_reader import open_bag
+from ivfmc_ros.simulation.parts.solids import demo_part
+from ivfmc_ros.simulation.render.renderer import simulate_scan
+from ivfmc_ros.storage.bag.reader import open_bag
 
 PARTS = Path(__file__).with_name('graph_parts.py')
 # pictures a second, up to the first at which something is lost

@@ -7,10 +7,10 @@ from pathlib import Path
 import tempfile
 import time
 
-from box import fit_box
 import numpy as np
-from real_scan import measured_scan
-from real_scan import run_readme_sequence
+from support.box import fit_box
+from support.real_scan import measured_scan
+from support.real_scan import run_readme_sequence
 import trimesh
 
 from bench import at_least
@@ -25,9 +25,9 @@ from ivfmc_ros.pipeline import reconstruct
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.results import cloud
 from ivfmc_ros.simulation.bench import bench_cell
-from ivfmc_ros.simulation.optics import Optics
-from ivfmc_ros.simulation.parts import demo_part
-from ivfmc_ros.simulation.render import simulate_scan
+from ivfmc_ros.simulation.parts.solids import demo_part
+from ivfmc_ros.simulation.render.optics import Optics
+from ivfmc_ros.simulation.render.renderer import simulate_scan
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 from ivfmc_ros.stripe.extract import ExtractSettings
 from ivfmc_ros.stripe.noise import Noise

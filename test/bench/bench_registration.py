@@ -12,19 +12,19 @@ from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
-from registration_bunny import alike
-from registration_bunny import apart
-from registration_bunny import bunny_folder
-from registration_bunny import displaced
-from registration_bunny import Judge
-from registration_bunny import load_bunny
-from registration_bunny import mean_poses
-from registration_bunny import multiway
-from registration_bunny import ours
-from registration_bunny import ours_from
-from registration_cost import exponents
-import registration_parts as parts
-from rendered_stripes import render
+from support import registration_parts as parts
+from support.registration_bunny import alike
+from support.registration_bunny import apart
+from support.registration_bunny import bunny_folder
+from support.registration_bunny import displaced
+from support.registration_bunny import Judge
+from support.registration_bunny import load_bunny
+from support.registration_bunny import mean_poses
+from support.registration_bunny import multiway
+from support.registration_bunny import ours
+from support.registration_bunny import ours_from
+from support.registration_cost import exponents
+from support.rendered_stripes import render
 
 from bench import at_least
 from bench import at_most

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from real_scan import measured_scan
+from support.real_scan import measured_scan
 
 from bench import at_least
 from bench import at_most

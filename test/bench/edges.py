@@ -9,13 +9,13 @@ import numpy as np
 from ivfmc_ros.model import Frame
 from ivfmc_ros.simulation.bench import bench_cell
 from ivfmc_ros.simulation.bench import LASER_AZIMUTHS
-from ivfmc_ros.simulation.optics import expose
-from ivfmc_ros.simulation.optics import Optics
-from ivfmc_ros.simulation.prism import Layer
-from ivfmc_ros.simulation.prism import stack
-from ivfmc_ros.simulation.render import StripeRenderer
-from ivfmc_ros.simulation.scene import part_from_camera
-from ivfmc_ros.simulation.scene import Scene
+from ivfmc_ros.simulation.parts.prism import Layer
+from ivfmc_ros.simulation.parts.prism import stack
+from ivfmc_ros.simulation.render.optics import expose
+from ivfmc_ros.simulation.render.optics import Optics
+from ivfmc_ros.simulation.render.renderer import StripeRenderer
+from ivfmc_ros.simulation.render.scene import part_from_camera
+from ivfmc_ros.simulation.render.scene import Scene
 
 HEIGHT = 0.05  # metres
 STEP = np.radians(0.1)

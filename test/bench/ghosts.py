@@ -10,16 +10,16 @@ import numpy as np
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.simulation.bench import bench_cell
-from ivfmc_ros.simulation.optics import expose
-from ivfmc_ros.simulation.optics import Optics
-from ivfmc_ros.simulation.optics import sheet_sigma
-from ivfmc_ros.simulation.parts import demo_part
-from ivfmc_ros.simulation.raster import pixel_rays
-from ivfmc_ros.simulation.render import StripeRenderer
-from ivfmc_ros.simulation.scene import part_from_camera
-from ivfmc_ros.simulation.scene import Scene
-from ivfmc_ros.simulation.solids import Platter
-from ivfmc_ros.simulation.sources import usual_source
+from ivfmc_ros.simulation.parts.loading import Platter
+from ivfmc_ros.simulation.parts.solids import demo_part
+from ivfmc_ros.simulation.render.optics import expose
+from ivfmc_ros.simulation.render.optics import Optics
+from ivfmc_ros.simulation.render.optics import sheet_sigma
+from ivfmc_ros.simulation.render.raster import pixel_rays
+from ivfmc_ros.simulation.render.renderer import StripeRenderer
+from ivfmc_ros.simulation.render.scene import part_from_camera
+from ivfmc_ros.simulation.render.scene import Scene
+from ivfmc_ros.simulation.render.sources import usual_source
 
 CELL = bench_cell(np.zeros(5))
 LASER = 0

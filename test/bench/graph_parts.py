@@ -18,9 +18,9 @@ from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import Image
 from sensor_msgs.msg import JointState
 
-from ivfmc_ros.nodes import images
-from ivfmc_ros.nodes import qos
-from ivfmc_ros.nodes.stamps import header
+from ivfmc_ros.nodes.convert import images
+from ivfmc_ros.nodes.convert.stamps import header
+from ivfmc_ros.nodes.framework import qos
 from ivfmc_ros.simulation.bench import bench_camera
 
 JOINT_PERIOD_NS = 10_000_000

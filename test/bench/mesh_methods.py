@@ -9,23 +9,23 @@ from pathlib import Path
 import tempfile
 import time
 
-from cylinder_scan import coverage
 import numpy as np
 import open3d as o3d
-from range_scans import read_bunny
-from real_scan import data_folder
+from support.cylinder_scan import coverage
+from support.range_scans import read_bunny
+from support.real_scan import data_folder
 import trimesh
 
 from bench import at_least
 from bench import at_most
 from bench import Number
 from ivfmc_ros.cell.volume import Volume
-from ivfmc_ros.meshing import export
-from ivfmc_ros.meshing import samples as sampling
 from ivfmc_ros.meshing.build import build_mesh
-from ivfmc_ros.meshing.export import UNITS
 from ivfmc_ros.meshing.integrate import integrate
+from ivfmc_ros.meshing.io import export
+from ivfmc_ros.meshing.io.export import UNITS
 from ivfmc_ros.meshing.poisson import poisson
+from ivfmc_ros.meshing.samples import samples as sampling
 from ivfmc_ros.meshing.settings import MeshSettings
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import MEASURED
@@ -34,13 +34,13 @@ from ivfmc_ros.pipeline import reconstruct
 from ivfmc_ros.pipeline import Reconstruction
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.simulation.bench import bench_cell
-from ivfmc_ros.simulation.optics import Optics
-from ivfmc_ros.simulation.optics import with_thickness
-from ivfmc_ros.simulation.parts import box
-from ivfmc_ros.simulation.parts import demo_part
-from ivfmc_ros.simulation.parts import stepped_shaft
-from ivfmc_ros.simulation.render import simulate_scan
-from ivfmc_ros.simulation.solids import Solid
+from ivfmc_ros.simulation.parts.loading import Solid
+from ivfmc_ros.simulation.parts.solids import box
+from ivfmc_ros.simulation.parts.solids import demo_part
+from ivfmc_ros.simulation.parts.solids import stepped_shaft
+from ivfmc_ros.simulation.render.optics import Optics
+from ivfmc_ros.simulation.render.optics import with_thickness
+from ivfmc_ros.simulation.render.renderer import simulate_scan
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 from ivfmc_ros.surface import Surface
 

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 import resource
 
 import numpy as np
-from spoilt import CELL
-from spoilt import spoilt
-from spoilt import unsound
-from spoilt import views
+from support.spoilt import CELL
+from support.spoilt import spoilt
+from support.spoilt import unsound
+from support.spoilt import views
 
 from bench import at_least
 from bench import at_most

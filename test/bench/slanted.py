@@ -10,11 +10,11 @@ import numpy as np
 from ivfmc_ros.model import Frame
 from ivfmc_ros.simulation.bench import bench_cell
 from ivfmc_ros.simulation.bench import LASER_AZIMUTHS
-from ivfmc_ros.simulation.optics import expose
-from ivfmc_ros.simulation.optics import Optics
-from ivfmc_ros.simulation.prism import Layer
-from ivfmc_ros.simulation.prism import stack
-from ivfmc_ros.simulation.render import StripeRenderer
+from ivfmc_ros.simulation.parts.prism import Layer
+from ivfmc_ros.simulation.parts.prism import stack
+from ivfmc_ros.simulation.render.optics import expose
+from ivfmc_ros.simulation.render.optics import Optics
+from ivfmc_ros.simulation.render.renderer import StripeRenderer
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
 from ivfmc_ros.stripe.noise import Noise

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from ivfmc_ros.calibration.boards import Board
-from ivfmc_ros.calibration.boards import Corners
-from ivfmc_ros.calibration.boards import parse_board
-from ivfmc_ros.calibration.views import View
-from ivfmc_ros.calibration.views import Views
+from ivfmc_ros.calibration.boards.board import Board
+from ivfmc_ros.calibration.boards.board import Corners
+from ivfmc_ros.calibration.boards.board import parse_board
+from ivfmc_ros.calibration.boards.views import View
+from ivfmc_ros.calibration.boards.views import Views
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.cell.cell import Cell

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from synthetic import small_camera
+from support.synthetic import small_camera
 
 from ivfmc_ros.errors import CellError
 

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from synthetic import small_camera
+from support.synthetic import small_camera
 import yaml
 
 from ivfmc_ros.cell.camera_file import load_camera

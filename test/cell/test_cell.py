@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import small_cell
+from support.synthetic import small_cell
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import sees

@@ -6,8 +6,8 @@ from datetime import UTC
 
 import numpy as np
 import pytest
-from synthetic import small_camera
-from synthetic import small_cell
+from support.synthetic import small_camera
+from support.synthetic import small_cell
 import yaml
 
 from ivfmc_ros.cell.cell_file import CellDraft

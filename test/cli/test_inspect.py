@@ -8,8 +8,8 @@ import pytest
 from ivfmc_ros.cli.inspect import inspect
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import GeometryError
-from ivfmc_ros.meshing.export import write_solid
-from ivfmc_ros.simulation.parts import box
+from ivfmc_ros.meshing.io.export import write_solid
+from ivfmc_ros.simulation.parts.solids import box
 
 BOX = box((0.02, 0.03, 0.05))
 

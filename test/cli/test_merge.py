@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 import json
 
-from clampings import lying
 from click.testing import CliRunner
-from erring_table import profiles_of
-from erring_table import stripes
-from erring_table import turns
 import numpy as np
 import pytest
+from support.clampings import lying
+from support.erring_table import profiles_of
+from support.erring_table import stripes
+from support.erring_table import turns
 
 from ivfmc_ros.cli import merge as command
 from ivfmc_ros.errors import AmbiguousError
@@ -16,8 +16,8 @@ from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.simulation.bench import bench_cell
-from ivfmc_ros.simulation.parts import box
-from ivfmc_ros.simulation.parts import demo_part
+from ivfmc_ros.simulation.parts.solids import box
+from ivfmc_ros.simulation.parts.solids import demo_part
 
 STEPS = 80
 

@@ -4,8 +4,8 @@ import signal
 
 import pytest
 
-from ivfmc_ros.cli.cell_run import namespace_of
 from ivfmc_ros.cli.scan import run_scan
+from ivfmc_ros.cli.support.cell_run import namespace_of
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import ParameterError
 

@@ -3,16 +3,16 @@
 from click.testing import CliRunner
 import pytest
 
-from ivfmc_ros.cli.cell_run import CellRun
-from ivfmc_ros.cli.cell_run import command
-from ivfmc_ros.cli.cell_run import parse_overrides
-from ivfmc_ros.cli.cell_run import write_bench
 from ivfmc_ros.cli.scans import scans
+from ivfmc_ros.cli.support.cell_run import CellRun
+from ivfmc_ros.cli.support.cell_run import command
+from ivfmc_ros.cli.support.cell_run import parse_overrides
+from ivfmc_ros.cli.support.cell_run import write_bench
 from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.storage.catalogue import Catalogue
 from ivfmc_ros.storage.live_recorder import Place
-from ivfmc_ros.storage.profile_head import ProfileHead
+from ivfmc_ros.storage.messages.profile_head import ProfileHead
 
 
 @pytest.fixture

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from ivfmc_ros.devices.grbl import GrblBoard
-from ivfmc_ros.devices.grbl_settings import GrblSettings
-from ivfmc_ros.simulation.board_emulator import BoardEmulator
+from ivfmc_ros.devices.grbl.controller import GrblBoard
+from ivfmc_ros.devices.grbl.settings import GrblSettings
+from ivfmc_ros.simulation.grbl.emulator import BoardEmulator
 
 
 @pytest.fixture

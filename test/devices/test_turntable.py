@@ -6,8 +6,8 @@ import pytest
 
 from ivfmc_ros.devices.beam import BeamKeeper
 from ivfmc_ros.devices.beam import BeamRules
-from ivfmc_ros.devices.grbl import GrblBoard
-from ivfmc_ros.devices.grbl_settings import GrblSettings
+from ivfmc_ros.devices.grbl.controller import GrblBoard
+from ivfmc_ros.devices.grbl.settings import GrblSettings
 from ivfmc_ros.devices.turntable import TurntableDriver
 from ivfmc_ros.errors import ParameterError
 

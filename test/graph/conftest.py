@@ -5,9 +5,9 @@
 import os
 import signal
 
-from cell_rig import Cell
-from graph_rig import following_client
 import pytest
+from support.cell_rig import Cell
+from support.graph_rig import following_client
 
 
 @pytest.fixture(scope='module')

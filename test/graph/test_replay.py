@@ -5,12 +5,12 @@
 import subprocess
 import sys
 
-from cell_rig import gone
-from graph_rig import node_environment
 import numpy as np
 import pytest
 from sensor_msgs.msg import Image
 from sensor_msgs.msg import PointCloud2
+from support.cell_rig import gone
+from support.graph_rig import node_environment
 
 from ivfmc_ros.cell.cell_file import save_cell
 from ivfmc_ros.meshing.build import MeshSettings
@@ -18,10 +18,10 @@ from ivfmc_ros.pipeline import reconstruct
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.results import cloud as cloud_of
 from ivfmc_ros.simulation.bench import bench_cell
-from ivfmc_ros.simulation.parts import demo_part
+from ivfmc_ros.simulation.parts.solids import demo_part
 from ivfmc_ros.simulation.recording import record_scan
-from ivfmc_ros.simulation.render import simulate_scan
-from ivfmc_ros.storage.point_clouds import records_of
+from ivfmc_ros.simulation.render.renderer import simulate_scan
+from ivfmc_ros.storage.messages.point_clouds import records_of
 from ivfmc_ros.storage.scan_bag import read_scan
 
 STEPS = 24

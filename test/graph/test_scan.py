@@ -6,14 +6,14 @@ import os
 from pathlib import Path
 import signal
 
-from cell_rig import gone
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
+from support.cell_rig import gone
 
-from ivfmc_ros.meshing.stl import read_own_stl
-from ivfmc_ros.simulation.parts import demo_part
-from ivfmc_ros.storage.bag_reader import open_bag
+from ivfmc_ros.meshing.io.stl import read_own_stl
+from ivfmc_ros.simulation.parts.solids import demo_part
+from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.catalogue import Catalogue
 from ivfmc_ros.surface import Surface
 

@@ -4,9 +4,9 @@
 
 import signal
 
-from cell_rig import Cell
-from cell_rig import gone
 import pytest
+from support.cell_rig import Cell
+from support.cell_rig import gone
 
 
 def start_and_await(client, start, *arguments):

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 from dataclasses import replace
 
-from cylinder_scan import stated_cell
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from support.cylinder_scan import stated_cell
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.errors import FileError
@@ -19,14 +19,14 @@ from ivfmc_ros.inspection.nominal import read_body
 from ivfmc_ros.inspection.nominal import require_alike
 from ivfmc_ros.inspection.nominal import require_closed
 from ivfmc_ros.inspection.regions import regions_of
+from ivfmc_ros.inspection.reports.summary import document
 from ivfmc_ros.inspection.settings import InspectSettings
-from ivfmc_ros.inspection.summary import document
 from ivfmc_ros.inspection.verdict import judge
 from ivfmc_ros.inspection.verdict import judge_surface
-from ivfmc_ros.meshing.export import write_solid
-from ivfmc_ros.simulation.parts import box
-from ivfmc_ros.simulation.parts import sphere
-from ivfmc_ros.simulation.parts import stepped_shaft
+from ivfmc_ros.meshing.io.export import write_solid
+from ivfmc_ros.simulation.parts.solids import box
+from ivfmc_ros.simulation.parts.solids import sphere
+from ivfmc_ros.simulation.parts.solids import stepped_shaft
 from ivfmc_ros.surface import Surface
 
 SHAFT = stepped_shaft([(0.02, 0.015), (0.01, 0.02)])

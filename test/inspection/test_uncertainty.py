@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 from dataclasses import replace
 
-from cylinder_scan import coverage
-from cylinder_scan import stated_cell
 import numpy as np
 import pytest
+from support.cylinder_scan import coverage
+from support.cylinder_scan import stated_cell
 
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.inspection.uncertainty import calibration_modes

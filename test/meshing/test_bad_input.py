@@ -4,9 +4,9 @@
 
 import numpy as np
 import pytest
-from spoilt import CELL
-from spoilt import unsound
-from spoilt import views
+from support.spoilt import CELL
+from support.spoilt import unsound
+from support.spoilt import views
 
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.meshing.build import build_mesh

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from spoilt import CELL
-from spoilt import SPHERE
-from spoilt import spoilt
-from spoilt import unsound
-from spoilt import views
+from support.spoilt import CELL
+from support.spoilt import SPHERE
+from support.spoilt import spoilt
+from support.spoilt import unsound
+from support.spoilt import views
 
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.errors import ParameterError
@@ -18,7 +18,7 @@ from ivfmc_ros.meshing.topology import boundary_loops
 from ivfmc_ros.model import FILLED
 from ivfmc_ros.model import MEASURED
 from ivfmc_ros.model import Poses
-from ivfmc_ros.registration.views import without
+from ivfmc_ros.registration.views.assemble import without
 
 
 def edge_counts(mesh):

@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """A cell on disk, the sphere in it, and a client of the graph."""
 
-from cell_inputs import Inputs
-from graph_rig import Client
-from graph_rig import NodeProcess
 import numpy as np
 import pytest
-from synthetic import small_cell
-from synthetic import Sphere
-from synthetic import sphere_frames
+from support.cell_inputs import Inputs
+from support.graph_rig import Client
+from support.graph_rig import NodeProcess
+from support.synthetic import small_cell
+from support.synthetic import Sphere
+from support.synthetic import sphere_frames
 
 from ivfmc_ros.cell.cell_file import save_cell
 

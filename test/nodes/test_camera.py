@@ -4,8 +4,6 @@ import subprocess
 import sys
 
 import cv2
-from graph_rig import node_environment
-from graph_rig import running
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 import numpy as np
@@ -13,6 +11,8 @@ import pytest
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import Image
 from sensor_msgs.srv import SetCameraInfo
+from support.graph_rig import node_environment
+from support.graph_rig import running
 
 from ivfmc_ros.cell.camera_file import load_camera
 from ivfmc_ros.cell.camera_file import save_camera

@@ -2,19 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """One sweep, reconstructed from a bag, fed bit by bit, and sent through the nodes."""
 
-from graph_rig import running
 import numpy as np
 import pytest
 from sensor_msgs.msg import PointCloud2
-from sweep import recorded
-from sweep import Turn
+from support.graph_rig import running
+from support.sweep import recorded
+from support.sweep import Turn
 
 from ivfmc_ros import pipeline
 from ivfmc_ros.model import Frame
-from ivfmc_ros.nodes import clouds
-from ivfmc_ros.nodes import jobs
-from ivfmc_ros.storage.bag_writer import BagWriter
-from ivfmc_ros.storage.matching import Matcher
+from ivfmc_ros.nodes import worker_jobs
+from ivfmc_ros.nodes.convert import clouds
+from ivfmc_ros.storage.bag.writer import BagWriter
+from ivfmc_ros.storage.frame_matching import Matcher
 from ivfmc_ros.storage.scan_bag import read_scan
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
@@ -89,7 +89,7 @@ def test_bit_by_bit_it_is_the_same_as_from_the_bag(cell, events, offline):
                 take(stream.add(frame_of(match, seq)))
                 seq += 1
     profiles = [clouds.to_profile(message, 'profile') for message in messages]
-    made = jobs.register(cell, profiles, SETTINGS)
+    made = worker_jobs.register(cell, profiles, SETTINGS)
     (view,), (expected,) = made.views, offline.views
     same(clouds.to_view(clouds.from_view(view, 0), 'view'), expected)
     assert made.counts['kept_points'] == offline.counts['kept_points']

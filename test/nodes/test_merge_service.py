@@ -2,26 +2,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scans of the catalogue, brought together by a service."""
 
-from clampings import displacement
-from clampings import lying
-from erring_table import profiles_of
-from erring_table import stripes
-from erring_table import turns
 from geometry_msgs.msg import PoseArray
-from graph_rig import running
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
+from support.clampings import displacement
+from support.clampings import lying
+from support.erring_table import profiles_of
+from support.erring_table import stripes
+from support.erring_table import turns
+from support.graph_rig import running
 
 from ivfmc_ros.cell.camera_file import save_camera
 from ivfmc_ros.cell.cell_file import save_cell
-from ivfmc_ros.nodes import clouds
+from ivfmc_ros.nodes.convert import clouds
 from ivfmc_ros.simulation.bench import bench_cell
-from ivfmc_ros.simulation.parts import demo_part
+from ivfmc_ros.simulation.parts.solids import demo_part
 from ivfmc_ros.storage.catalogue import Catalogue
 from ivfmc_ros.storage.live_recorder import LiveRecorder
-from ivfmc_ros.storage.profile_head import ProfileHead
+from ivfmc_ros.storage.messages.profile_head import ProfileHead
 
 PLACES = {'up': np.eye(4), 'down': lying(demo_part(), 0)}
 

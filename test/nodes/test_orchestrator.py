@@ -7,11 +7,11 @@ import math
 from pathlib import Path
 import sqlite3
 
-from fake_cell import FakeCell
-from graph_rig import following_client
-from graph_rig import running
 import pytest
 from std_msgs.msg import UInt64
+from support.fake_cell import FakeCell
+from support.graph_rig import following_client
+from support.graph_rig import running
 
 from ivfmc_ros.scan import record
 from ivfmc_ros.storage.catalogue import Catalogue

@@ -1,8 +1,8 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 from diagnostic_msgs.msg import DiagnosticStatus
-from graph_rig import NodeProcess
 import pytest
+from support.graph_rig import NodeProcess
 
 from ivfmc_ros.scan import record
 from ivfmc_ros.storage.catalogue import Catalogue

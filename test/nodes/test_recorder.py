@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 import sqlite3
 
-from graph_rig import Client
-from graph_rig import running
 import numpy as np
 import pytest
 from sensor_msgs.msg import Image
@@ -11,11 +9,13 @@ from sensor_msgs.msg import JointState
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from std_msgs.msg import UInt64
+from support.graph_rig import Client
+from support.graph_rig import running
 
 from ivfmc_ros.model import Profile
-from ivfmc_ros.nodes import clouds
-from ivfmc_ros.nodes import qos
-from ivfmc_ros.storage.bag_reader import open_bag
+from ivfmc_ros.nodes.convert import clouds
+from ivfmc_ros.nodes.framework import qos
+from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.catalogue import Catalogue
 from ivfmc_ros.storage.stored_scan import stored_profiles
 

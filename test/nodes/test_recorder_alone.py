@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recorders that are started for one test, and how they end."""
 
-from graph_rig import NodeProcess
-from graph_rig import running
 from sensor_msgs.msg import CompressedImage
+from support.graph_rig import NodeProcess
+from support.graph_rig import running
 
-from ivfmc_ros.storage.bag_reader import open_bag
+from ivfmc_ros.storage.bag.reader import open_bag
 
 
 def test_bag_is_whole_when_the_node_ends(client, tmp_path):

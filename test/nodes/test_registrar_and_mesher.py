@@ -5,7 +5,6 @@ import signal
 import time
 
 from geometry_msgs.msg import PoseArray
-from graph_rig import running
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
@@ -14,11 +13,12 @@ from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh as MeshMessage
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
+from support.graph_rig import running
 from visualization_msgs.msg import Marker
 
 from ivfmc_ros import pipeline
 from ivfmc_ros.cell.camera_file import save_camera
-from ivfmc_ros.nodes import clouds
+from ivfmc_ros.nodes.convert import clouds
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 from ivfmc_ros.stripe.sampling import SampledAcquisition
@@ -215,7 +215,7 @@ def test_parameters_that_make_no_sense_are_refused_by_name(client):
 
 
 def test_meshes_as_bytes_are_what_rclpy_would_have_written():
-    from ivfmc_ros.nodes import meshes
+    from ivfmc_ros.nodes.convert import meshes
 
     vertices = np.random.default_rng(1).normal(size=(5, 3))
     faces = np.array([[0, 1, 2], [2, 3, 4]])

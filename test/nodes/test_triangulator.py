@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 from dataclasses import replace
 
-from cell_inputs import START
-from cell_inputs import STEP
-from graph_rig import running
 import numpy as np
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import PointCloud2
+from support.cell_inputs import START
+from support.cell_inputs import STEP
+from support.graph_rig import running
 
 from ivfmc_ros.cell.cell_file import save_cell
-from ivfmc_ros.nodes import clouds
+from ivfmc_ros.nodes.convert import clouds
 
 
 def feed(inputs, frames, first=0, found=None):

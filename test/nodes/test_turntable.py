@@ -10,18 +10,18 @@ import threading
 import time
 
 from builtin_interfaces.msg import Duration
-from graph_rig import node_environment
-from graph_rig import NodeProcess
-from graph_rig import running
 import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool
+from support.graph_rig import node_environment
+from support.graph_rig import NodeProcess
+from support.graph_rig import running
 from trajectory_msgs.msg import JointTrajectory
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from ivfmc_ros.simulation.live_truth import TruthReader
+from ivfmc_ros.simulation.live.truth import TruthReader
 
 
 @pytest.fixture(scope='module')

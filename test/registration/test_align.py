@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from surfaces import block
-from surfaces import empty
-from surfaces import moved
-from surfaces import slip
+from support.surfaces import block
+from support.surfaces import empty
+from support.surfaces import moved
+from support.surfaces import slip
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.registration.align import align
-from ivfmc_ros.registration.views import without
+from ivfmc_ros.registration.views.assemble import without
 
 METHODS = ('paper', 'point_to_plane')
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from dataclasses import dataclass
 
-from surfaces import block
+from support.surfaces import block
 
 from ivfmc_ros.registration.arrivals import Arrivals
 

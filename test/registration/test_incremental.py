@@ -5,10 +5,10 @@ import time
 
 import numpy as np
 import pytest
-from surfaces import block
-from surfaces import empty
-from surfaces import moved
-from surfaces import slip
+from support.surfaces import block
+from support.surfaces import empty
+from support.surfaces import moved
+from support.surfaces import slip
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.errors import GeometryError

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from surfaces import block
-from surfaces import empty
+from support.surfaces import block
+from support.surfaces import empty
 
 from ivfmc_ros.model import Poses
 from ivfmc_ros.registration.misfit import laser_misfit

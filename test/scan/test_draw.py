@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ivfmc_ros.errors import FileError
-from ivfmc_ros.meshing.export import write_mesh
+from ivfmc_ros.meshing.io.export import write_mesh
 from ivfmc_ros.model import Mesh
 from ivfmc_ros.scan.draw import draw_scan
 from ivfmc_ros.scan.report import draw

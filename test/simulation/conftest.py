@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ivfmc_ros.simulation.bench import bench_cell
-from ivfmc_ros.simulation.parts import demo_part
+from ivfmc_ros.simulation.parts.solids import demo_part
 
 
 @pytest.fixture(scope='session')

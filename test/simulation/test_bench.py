@@ -6,9 +6,9 @@ import pytest
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.laser import LaserPlane
 from ivfmc_ros.simulation import bench
-from ivfmc_ros.simulation.optics import axis_depth
-from ivfmc_ros.simulation.sources import usual_source
-from ivfmc_ros.simulation.sources import usual_sources
+from ivfmc_ros.simulation.render.optics import axis_depth
+from ivfmc_ros.simulation.render.sources import usual_source
+from ivfmc_ros.simulation.render.sources import usual_sources
 
 
 def base_from_camera(cell):

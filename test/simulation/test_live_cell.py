@@ -10,23 +10,23 @@ import time
 import numpy as np
 import pytest
 
-from ivfmc_ros.devices import ramp
-from ivfmc_ros.devices.camera import Exposure
-from ivfmc_ros.devices.grbl import GrblBoard
-from ivfmc_ros.devices.grbl_settings import GrblSettings
+from ivfmc_ros.devices.cameras.device import Exposure
+from ivfmc_ros.devices.grbl.controller import GrblBoard
+from ivfmc_ros.devices.grbl.settings import GrblSettings
+from ivfmc_ros.devices.motion import ramp
 from ivfmc_ros.errors import CameraLostError
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.simulation.bench import bench_cell
-from ivfmc_ros.simulation.live_camera import LiveScene
-from ivfmc_ros.simulation.live_camera import SimulatedCamera
+from ivfmc_ros.simulation.live.camera import LiveScene
+from ivfmc_ros.simulation.live.camera import SimulatedCamera
+from ivfmc_ros.simulation.live.folder import LiveDescription
+from ivfmc_ros.simulation.live.folder import LiveFolder
+from ivfmc_ros.simulation.live.truth import TruthReader
+from ivfmc_ros.simulation.live.truth import TruthWriter
 from ivfmc_ros.simulation.live_cell import live_cell
-from ivfmc_ros.simulation.live_folder import LiveDescription
-from ivfmc_ros.simulation.live_folder import LiveFolder
-from ivfmc_ros.simulation.live_truth import TruthReader
-from ivfmc_ros.simulation.live_truth import TruthWriter
-from ivfmc_ros.simulation.optics import Optics
-from ivfmc_ros.simulation.parts import box
-from ivfmc_ros.simulation.render import StripeRenderer
+from ivfmc_ros.simulation.parts.solids import box
+from ivfmc_ros.simulation.render.optics import Optics
+from ivfmc_ros.simulation.render.renderer import StripeRenderer
 
 
 @pytest.fixture

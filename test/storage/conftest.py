@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ivfmc_ros.cell.camera import Camera
-from ivfmc_ros.storage import cdr
-from ivfmc_ros.storage.bag_writer import BagWriter
+from ivfmc_ros.storage.bag.writer import BagWriter
+from ivfmc_ros.storage.messages import cdr
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

@@ -10,7 +10,7 @@ from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.storage.catalogue import Catalogue
 from ivfmc_ros.storage.catalogue import FILE_NAME
 from ivfmc_ros.storage.live_recorder import Place
-from ivfmc_ros.storage.profile_head import ProfileHead
+from ivfmc_ros.storage.messages.profile_head import ProfileHead
 
 
 def place(seq, view=0):

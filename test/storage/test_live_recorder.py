@@ -6,12 +6,12 @@ import time
 import pytest
 
 from ivfmc_ros.errors import FileError
-from ivfmc_ros.storage import cdr
-from ivfmc_ros.storage import messages
-from ivfmc_ros.storage.bag_reader import open_bag
+from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.live_recorder import LiveRecorder
 from ivfmc_ros.storage.live_recorder import PART_NAME
-from ivfmc_ros.storage.profile_head import ProfileHead
+from ivfmc_ros.storage.messages import build
+from ivfmc_ros.storage.messages import cdr
+from ivfmc_ros.storage.messages.profile_head import ProfileHead
 
 START = 1_700_000_000_000_000_000
 JOINTS = '/ivfmc/joint_states'
@@ -19,11 +19,11 @@ PROFILE = '/ivfmc/profile'
 
 
 def state(index):
-    return cdr.encode(messages.joint_state(START + index, {'turntable_joint': 0.1 * index}))
+    return cdr.encode(build.joint_state(START + index, {'turntable_joint': 0.1 * index}))
 
 
 def add(recorder, index, topic=JOINTS, **options):
-    return recorder.add(topic, messages.JOINT_STATE, state(index), START + index, **options)
+    return recorder.add(topic, build.JOINT_STATE, state(index), START + index, **options)
 
 
 def mark(seq):

@@ -10,7 +10,7 @@ import pytest
 from ivfmc_ros.errors import CellError
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
-from ivfmc_ros.storage.bag_reader import open_bag
+from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.picture_import import import_steps
 from ivfmc_ros.storage.picture_import import Step
 from ivfmc_ros.storage.picture_import import steps_by_angles

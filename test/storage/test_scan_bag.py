@@ -9,10 +9,10 @@ import pytest
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.errors import BagError
 from ivfmc_ros.errors import CellError
-from ivfmc_ros.storage import cdr
-from ivfmc_ros.storage import messages
-from ivfmc_ros.storage.bag_writer import BagWriter
-from ivfmc_ros.storage.matching import MatchSettings
+from ivfmc_ros.storage.bag.writer import BagWriter
+from ivfmc_ros.storage.frame_matching import MatchSettings
+from ivfmc_ros.storage.messages import build
+from ivfmc_ros.storage.messages import cdr
 from ivfmc_ros.storage.scan_bag import read_scan
 
 SECOND = 1_000_000_000
@@ -113,7 +113,7 @@ def cloud(stamp, values):
         for name in values
     ]
     return cdr.message(
-        messages.POINT_CLOUD,
+        build.POINT_CLOUD,
         header=cdr.header(stamp, 'turntable'),
         height=1,
         width=1,
@@ -131,7 +131,7 @@ def test_foreign_clouds_called_profile_are_not_heeded(tmp_path, camera, picture)
         bag.camera_info(START, camera)
         bag.joint_state(START, 'turntable_joint', 0.0)
         bag.image(START, picture(0))
-        bag.raw('profile', messages.POINT_CLOUD, cdr.encode(cloud(START, {})), START)
+        bag.raw('profile', build.POINT_CLOUD, cdr.encode(cloud(START, {})), START)
     assert read_scan(tmp_path / 'bag').frame_count == 1
 
 
@@ -145,7 +145,7 @@ def test_recorded_profiles_say_which_pictures_are_which(tmp_path, camera, pictur
             if index in (1, 3):
                 values = {'view': 10 + index, 'angle': 0.2 + index, 'speed': 0.5, 'seq': index}
                 data = cdr.encode(cloud(stamp, values))
-                bag.raw('profile', messages.POINT_CLOUD, data, stamp)
+                bag.raw('profile', build.POINT_CLOUD, data, stamp)
     scan = read_scan(tmp_path / 'bag')
     assert scan.skipped == {'no profile when recorded': 3}
     frames = list(scan.frames())
@@ -234,12 +234,12 @@ def test_truncated_jpeg_is_named(tmp_path, camera, jpeg):
 
 
 def _with_info(tmp_path, camera, picture, **changes):
-    info = messages.camera_info(START, camera)
+    info = build.camera_info(START, camera)
     for name, value in changes.items():
         setattr(info, name, value)
     with BagWriter(tmp_path / 'bag') as bag:
         bag.joint_state(START, 'turntable_joint', 0.0)
-        bag.raw('camera_info', messages.CAMERA_INFO, cdr.encode(info), START)
+        bag.raw('camera_info', build.CAMERA_INFO, cdr.encode(info), START)
         bag.image(START, picture())
     return tmp_path / 'bag'
 

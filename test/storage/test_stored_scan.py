@@ -5,14 +5,14 @@ import pytest
 
 from ivfmc_ros.errors import BagError
 from ivfmc_ros.errors import CatalogueError
-from ivfmc_ros.storage import cdr
-from ivfmc_ros.storage import messages
 from ivfmc_ros.storage.catalogue import Catalogue
 from ivfmc_ros.storage.live_recorder import LiveRecorder
 from ivfmc_ros.storage.live_recorder import PART_NAME
-from ivfmc_ros.storage.point_clouds import POINT
-from ivfmc_ros.storage.point_clouds import TYPES
-from ivfmc_ros.storage.profile_head import ProfileHead
+from ivfmc_ros.storage.messages import build
+from ivfmc_ros.storage.messages import cdr
+from ivfmc_ros.storage.messages.point_clouds import POINT
+from ivfmc_ros.storage.messages.point_clouds import TYPES
+from ivfmc_ros.storage.messages.profile_head import ProfileHead
 from ivfmc_ros.storage.stored_scan import stored_profiles
 
 TOPIC = '/ivfmc/profile'
@@ -65,9 +65,9 @@ def catalogue(tmp_path):
         tmp_path / 's1', flushed=lambda places: made.add_profiles('s1', places)
     )
     for seq in range(3):
-        state = cdr.encode(messages.joint_state(START + seq, {'turntable_joint': 0.0}))
+        state = cdr.encode(build.joint_state(START + seq, {'turntable_joint': 0.0}))
         # of the same time and number in its topic as the profile
-        recorder.add('/ivfmc/joint_states', messages.JOINT_STATE, state, START + seq)
+        recorder.add('/ivfmc/joint_states', build.JOINT_STATE, state, START + seq)
         recorder.add(TOPIC, CLOUD, cdr.encode(cloud(seq)), START + seq, mark=mark(seq))
     recorder.stop()
     return made

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ivfmc_ros.errors import BagError
-from ivfmc_ros.storage import messages
+from ivfmc_ros.storage.messages import build
 from ivfmc_ros.storage.tracks import JointTrack
 from ivfmc_ros.storage.tracks import LaserTrack
 
@@ -17,9 +17,7 @@ def _stamps(*seconds):
 
 
 def _joints(*states):
-    return [
-        messages.joint_state(int(_stamps(second)[0]), positions) for second, positions in states
-    ]
+    return [build.joint_state(int(_stamps(second)[0]), positions) for second, positions in states]
 
 
 def test_angle_is_interpolated_at_the_stamp():

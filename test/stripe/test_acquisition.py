@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import draw_stripe
-from synthetic import expose
-from synthetic import small_cell
-from synthetic import Sphere
-from synthetic import sphere_frames
+from support.synthetic import draw_stripe
+from support.synthetic import expose
+from support.synthetic import small_cell
+from support.synthetic import Sphere
+from support.synthetic import sphere_frames
 
 from ivfmc_ros.cell.volume import Volume
 from ivfmc_ros.errors import CellError

@@ -5,8 +5,8 @@ import pytest
 
 from ivfmc_ros.model import Frame
 from ivfmc_ros.simulation.bench import bench_cell
-from ivfmc_ros.simulation.parts import demo_part
-from ivfmc_ros.simulation.render import simulate_scan
+from ivfmc_ros.simulation.parts.solids import demo_part
+from ivfmc_ros.simulation.render.renderer import simulate_scan
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 from ivfmc_ros.stripe.ambient import lit_by_laser

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from synthetic import draw_stripe
+from support.synthetic import draw_stripe
 
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.stripe import channel

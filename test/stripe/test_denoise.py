@@ -1,7 +1,7 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
-from synthetic import make_profile
+from support.synthetic import make_profile
 
 from ivfmc_ros.stripe import denoise
 

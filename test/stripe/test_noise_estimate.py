@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from synthetic import draw_stripe
-from synthetic import expose
+from support.synthetic import draw_stripe
+from support.synthetic import expose
 
 from ivfmc_ros.errors import CalibrationError
 from ivfmc_ros.stripe.extract import ExtractSettings

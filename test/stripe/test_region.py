@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from synthetic import small_camera
-from synthetic import small_cell
+from support.synthetic import small_camera
+from support.synthetic import small_cell
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.volume import Volume

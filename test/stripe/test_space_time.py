@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-from synthetic import draw_stripe
-from synthetic import expose
-from synthetic import small_cell
-from synthetic import Sphere
+from support.synthetic import draw_stripe
+from support.synthetic import expose
+from support.synthetic import small_cell
+from support.synthetic import Sphere
 
 from ivfmc_ros.model import Frame
 from ivfmc_ros.stripe.extract import extract

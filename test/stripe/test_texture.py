@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from synthetic import small_cell
-from synthetic import Sphere
-from synthetic import sphere_frames
+from support.synthetic import small_cell
+from support.synthetic import Sphere
+from support.synthetic import sphere_frames
 
-from ivfmc_ros.registration.views import assemble
+from ivfmc_ros.registration.views.assemble import assemble
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 from ivfmc_ros.stripe.texture import colours

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import small_camera
-from synthetic import small_cell
-from synthetic import Sphere
+from support.synthetic import small_camera
+from support.synthetic import small_cell
+from support.synthetic import Sphere
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell

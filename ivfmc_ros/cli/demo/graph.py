@@ -1,0 +1,110 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated cell as processes, a scan by its service, and the mesh compared with the CAD."""
+
+from collections.abc import Callable
+from collections.abc import Mapping
+import os
+from pathlib import Path
+import time
+from typing import Any
+
+from rich.console import Console
+
+from ivfmc_ros import files
+from ivfmc_ros.cli.scan import run_scan
+from ivfmc_ros.cli.scan import say
+from ivfmc_ros.cli.support.cell_run import CellRun
+from ivfmc_ros.cli.support.cell_run import NAMESPACE
+from ivfmc_ros.cli.support.cell_run import start
+from ivfmc_ros.cli.support.cell_run import write_bench
+from ivfmc_ros.cli.support.client import cell_client
+from ivfmc_ros.cli.support.client import CellClient
+from ivfmc_ros.cli.support.client import refuse_another
+from ivfmc_ros.cli.support.processes import Processes
+from ivfmc_ros.cli.up import log_of
+from ivfmc_ros.errors import HelperError
+from ivfmc_ros.inspection.deviation import Deviation
+from ivfmc_ros.inspection.deviation import summarise
+from ivfmc_ros.inspection.reports.json_report import write_report
+from ivfmc_ros.meshing.io.export import write_solid
+from ivfmc_ros.meshing.io.stl import read_own_stl
+from ivfmc_ros.nodes.framework.environment import config_file
+from ivfmc_ros.simulation.parts.solids import demo_part
+from ivfmc_ros.surface import Surface
+
+_COMING_UP_S = 60.0
+
+
+def run_graph(output: Path, seed: int, wanted: Mapping[str, Any]) -> None:
+    """
+    Scan the demo part in a simulated cell into a new folder.
+
+    wanted : parameters of the scan
+    :raises ScanError: the folder exists, a cell is up already, or the scan fails
+    """
+    files.require_new_folder(output)
+    output.mkdir(parents=True, exist_ok=True)
+    # nobody else's cell on the network is meant
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    cell, camera = write_bench(output)
+    run = CellRun(
+        folder=output,
+        scans=output / 'scans',
+        config=config_file('bench/orchestrator.yaml').parent,
+        cell=cell,
+        camera=camera,
+        simulate=True,
+        seed=seed,
+    )
+    part = demo_part()
+    write_solid(output / 'nominal.stl', part.vertices_xyz, part.faces)
+    with cell_client(NAMESPACE) as client:
+        refuse_another(client)
+        with log_of(run, quiet=True) as log, Processes(log) as processes:
+            begin = time.monotonic()
+            start(run, processes)
+            _await_cell(client, processes)
+            up = time.monotonic()
+            result = run_scan(client, dict(wanted), _alive(processes))
+            seconds = {'start': up - begin, 'scan': time.monotonic() - up}
+    vertices, _ = read_own_stl(Path(result['files']['mesh.stl']))
+    nominal = Surface(part.vertices_xyz, part.faces)
+    deviation = summarise(nominal.signed_distance(vertices))
+    write_report(
+        output / 'demo.json',
+        {'deviation_m': {'mesh': vars(deviation)}, 'seconds': seconds, 'scan': result},
+    )
+    say(result)
+    _say_deviation(output, deviation, seconds)
+
+
+def _await_cell(client: CellClient, processes: Processes) -> None:
+    alive = _alive(processes)
+
+    def up() -> bool:
+        alive()
+        return bool(client.status)
+
+    client.until(up, _COMING_UP_S, 'the cell to come up')
+
+
+def _alive(processes: Processes) -> Callable[[], None]:
+    """Return a check that raises when a process of the cell has ended."""
+
+    def check() -> None:
+        gone = processes.ended()
+        if gone is not None:
+            raise HelperError('NODE_DIED', f'{gone}; see up.log')
+
+    return check
+
+
+def _say_deviation(output: Path, deviation: Deviation, seconds: Mapping[str, float]) -> None:
+    console = Console(highlight=False, markup=False)
+    console.print(
+        f'mesh to CAD: rms {deviation.rms * 1e3:.4f} mm, 95 % within {deviation.p95 * 1e3:.4f} mm'
+    )
+    console.print(f'cell up in {seconds["start"]:.1f} s, scan in {seconds["scan"]:.1f} s')
+    for name in ('nominal.stl', 'demo.json', 'up.log'):
+        console.print(str(output / name), soft_wrap=True)

@@ -1,0 +1,164 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A plain client of the scan service, as a cell controller would be one."""
+
+from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import closing
+from contextlib import contextmanager
+import json
+import time
+from typing import Any
+
+from ivfmc_ros.cli.support.cell_run import NODES
+from ivfmc_ros.errors import HelperError
+from ivfmc_ros.errors import ScanError
+from ivfmc_ros.nodes.framework import environment
+
+_SPIN_S = 0.1
+# Two cells of one name answer the same calls; so long is listened for the hearts of another.
+_LISTEN_S = 1.0
+
+
+@contextmanager
+def cell_client(namespace: str) -> Iterator['CellClient']:
+    """
+    Give a client of the cell of a namespace.
+
+    :raises HelperError: there is no ROS here
+    """
+    try:
+        environment.prepare()
+        import rclpy
+        from rclpy.signals import SignalHandlerOptions
+    except ImportError as error:
+        raise HelperError(
+            'NO_ROS',
+            f'ROS 2 is needed: source a workspace, or pip install ivfmc_ros[ros] ({error})',
+        ) from error
+    # Ctrl-C is ours: it cancels the scan
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        with closing(CellClient(namespace)) as client:
+            yield client
+    finally:
+        rclpy.try_shutdown()
+
+
+class CellClient:
+    """Calls services and follows ``scan_status``; one thread, no callbacks of its own."""
+
+    def __init__(self, namespace: str) -> None:
+        from diagnostic_msgs.msg import DiagnosticStatus
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+
+        from ivfmc_ros.nodes.framework import qos
+
+        self.status: dict[str, str] = {}
+        self.node = rclpy.create_node(f'client_{time.time_ns() % 10**9}', namespace=namespace)
+        self.namespace = namespace
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self._clients: dict[str, Any] = {}
+        self.node.create_subscription(
+            DiagnosticStatus, 'scan_status', self._hear, qos.of_topic('scan_status')
+        )
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown(timeout_sec=0.0)
+        self.node.destroy_node()
+
+    def spin(self, seconds: float = _SPIN_S) -> None:
+        """Let messages come in for so many seconds at most."""
+        self._executor.spin_once(timeout_sec=seconds)
+
+    def until(self, condition: Callable[[], bool], seconds: float, what: str) -> None:
+        """:raises HelperError: ``condition()`` was not true within ``seconds``."""
+        deadline = time.monotonic() + seconds
+        while not condition():
+            if time.monotonic() > deadline:
+                raise HelperError('TIMEOUT', f'waited {seconds:.0f} s in vain for {what}')
+            self.spin()
+
+    def trigger(self, name: str, seconds: float = 15.0) -> dict[str, Any]:
+        """
+        Call a Trigger below the namespace and return its answer.
+
+        :raises HelperError: it refused, with its code, or is not there
+        """
+        from std_srvs.srv import Trigger
+
+        response = self.call(name, Trigger, Trigger.Request(), seconds)
+        try:
+            answer = json.loads(response.message)
+        except ValueError:
+            answer = {'code': 'HELPER', 'detail': response.message}
+        if not response.success:
+            code, detail = str(answer.pop('code', '')), str(answer.pop('detail', ''))
+            raise HelperError(code, f'{code}: {detail}', **answer)
+        return dict(answer)
+
+    def set(self, node: str, values: dict[str, Any]) -> None:
+        """:raises ScanError: a parameter was refused, or the node is not there."""
+        from rcl_interfaces.srv import SetParameters
+
+        from ivfmc_ros.nodes.framework.futures import parameter_message
+
+        request = SetParameters.Request(
+            parameters=[parameter_message(name, value) for name, value in values.items()]
+        )
+        response = self.call(f'{node}/set_parameters', SetParameters, request, 15.0)
+        for name, result in zip(values, response.results, strict=True):
+            if not result.successful:
+                raise HelperError('BAD_PARAMETER', f'{node}: {name}: {result.reason}')
+
+    def call(self, name: str, kind: Any, request: Any, seconds: float) -> Any:
+        """:raises HelperError: the service is not there, or does not answer in time."""
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(kind, name)
+        client = self._clients[name]
+        place = f'{self.namespace}/{name}'
+        self.until(client.service_is_ready, seconds, f'service {place}; is the cell up?')
+        future = client.call_async(request)
+        self.until(future.done, seconds, f'an answer of {place}')
+        return future.result()
+
+    def _hear(self, message: Any) -> None:
+        self.status = {item.key: item.value for item in message.values}
+
+
+def refuse_another(client: CellClient) -> None:
+    """:raises HelperError: nodes of a cell live in the namespace already."""
+    from std_msgs.msg import Header
+
+    from ivfmc_ros.nodes.framework import qos
+
+    beating: set[str] = set()
+    for name in NODES:
+        client.node.create_subscription(
+            Header, f'{name}/heartbeat', lambda _, name=name: beating.add(name), qos.reliable(10)
+        )
+    # who was killed is in the graph for a while, but has no heart
+    end = time.monotonic() + _LISTEN_S
+    while time.monotonic() < end:
+        client.spin(0.05)
+    if beating:
+        raise HelperError(
+            'BUSY',
+            f'a cell is up in {client.namespace} already ({", ".join(sorted(beating))}); end it, '
+            'or choose another --namespace or ROS_DOMAIN_ID',
+        )
+
+
+def result_of(status: dict[str, str], scan_id: str) -> dict[str, Any] | None:
+    """Return the answer of a scan, when the status is that of its end."""
+    if status.get('scan_id') != scan_id or not status.get('result'):
+        return None
+    return dict(json.loads(status['result']))
+
+
+def error_of(result: dict[str, Any]) -> ScanError:
+    """Return the error that a bad answer tells."""
+    return HelperError(str(result.get('code')), f'{result.get("code")}: {result.get("detail")}')

@@ -1,0 +1,172 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Several programs as one: their output in one place, and an end that leaves none of them."""
+
+from collections.abc import Callable
+from collections.abc import Mapping
+from collections.abc import Sequence
+import contextlib
+from dataclasses import dataclass
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from types import TracebackType
+from typing import Self
+
+from ivfmc_ros.errors import HelperError
+
+# Seconds that a program has after each signal. Not SIGINT: a program that is still importing its
+# modules would answer it by a traceback.
+_PATIENCE = ((signal.SIGTERM, 10.0), (signal.SIGKILL, 4.0))
+_POLL_S = 0.05
+
+Say = Callable[[str, str], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ended:
+    """A program that ended by itself."""
+
+    name: str
+    code: int
+
+    def __str__(self) -> str:
+        if self.code < 0:
+            return f'{self.name} was killed by signal {-self.code}'
+        return f'{self.name} ended with exit code {self.code}'
+
+
+class Processes:
+    """
+    Programs that run together; used in a ``with`` block, at whose end all are gone.
+
+    say : is called with (name of the program, line), from several threads
+    """
+
+    def __init__(self, say: Say) -> None:
+        self._say = say
+        self._lock = threading.Lock()
+        self._running: dict[str, subprocess.Popen[str]] = {}
+        self._readers: list[threading.Thread] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    @property
+    def ids(self) -> dict[str, int]:
+        """Process ids by name, of what has not been seen to end."""
+        return {name: process.pid for name, process in self._running.items()}
+
+    def start(
+        self,
+        name: str,
+        program: Sequence[str],
+        environment: Mapping[str, str],
+        ready: str | None = None,
+        seconds: float = 60.0,
+    ) -> None:
+        """
+        Start a program.
+
+        ready : wait until it writes this line; at most ``seconds``
+        :raises HelperError: it ended, or did not become ready
+        """
+        command = [sys.executable, '-m', 'ivfmc_ros.cli.support.child', str(os.getpid()), *program]
+        process = subprocess.Popen(
+            command,
+            env=dict(environment),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors='replace',
+            bufsize=1,
+            # Ctrl-C in the terminal comes to us alone, so that the end has an order; and what a
+            # program has started itself can be found by its group
+            start_new_session=True,
+        )
+        self._running[name] = process
+        seen = threading.Event()
+        reader = threading.Thread(
+            target=self._read, args=(name, process, ready, seen), daemon=True
+        )
+        reader.start()
+        self._readers.append(reader)
+        if ready is not None:
+            self._await(name, process, seen, seconds)
+
+    def ended(self) -> Ended | None:
+        """Return a program that has ended by itself, if there is one."""
+        for name, process in self._running.items():
+            code = process.poll()
+            if code is not None:
+                return Ended(name=name, code=code)
+        return None
+
+    def stop(self) -> None:
+        """End all programs, the last one first, and what they have started."""
+        for number, seconds in _PATIENCE:
+            alive = [p for p in reversed(self._running.values()) if p.poll() is None]
+            for process in alive:
+                _signal(process.pid, number, group=number is signal.SIGKILL)
+            _wait(alive, seconds)
+        for process in self._running.values():
+            # a program that ended badly may have left children
+            _signal(process.pid, signal.SIGKILL, group=True)
+        self._running.clear()
+        for reader in self._readers:
+            reader.join(timeout=1.0)
+
+    def _await(
+        self, name: str, process: subprocess.Popen[str], seen: threading.Event, seconds: float
+    ) -> None:
+        deadline = time.monotonic() + seconds
+        while not seen.wait(_POLL_S):
+            if process.poll() is not None:
+                raise HelperError('NOT_STARTED', str(Ended(name=name, code=process.poll() or 0)))
+            if time.monotonic() > deadline:
+                raise HelperError('NOT_STARTED', f'{name} was not ready after {seconds:.0f} s')
+
+    def _read(
+        self,
+        name: str,
+        process: subprocess.Popen[str],
+        ready: str | None,
+        seen: threading.Event,
+    ) -> None:
+        if process.stdout is None:
+            return
+        for line in process.stdout:
+            text = line.rstrip('\n')
+            if ready is not None and text.strip() == ready:
+                seen.set()
+            # whatever happens to the log, a program that nobody reads from would stand still
+            with self._lock, contextlib.suppress(OSError, ValueError):
+                self._say(name, text)
+
+
+def _signal(pid: int, number: signal.Signals, *, group: bool) -> None:
+    try:
+        (os.killpg if group else os.kill)(pid, number)
+    except (ProcessLookupError, PermissionError):
+        return  # it is gone
+
+
+def _wait(processes: Sequence[subprocess.Popen[str]], seconds: float) -> None:
+    deadline = time.monotonic() + seconds
+    for process in processes:
+        try:
+            process.wait(timeout=max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            return

@@ -1,0 +1,147 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``report.html``: one file that opens without a network and without this package."""
+
+import base64
+from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ivfmc_ros import files
+from ivfmc_ros.inspection.reports import tables
+from ivfmc_ros.inspection.reports import viewer
+from ivfmc_ros.meshing.decimate import clustered
+from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Ints
+
+# So many triangles make a file of about 3 MB.
+MOST_TRIANGLES = 150_000
+_BINS = 60
+_NO_VALUE = 255
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """A picture for the report: its encoded bytes, media type (image/jpeg) and caption."""
+
+    data: bytes
+    media: str
+    caption: str
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Page:
+    """
+    What a report shows.
+
+    vertices_xyz : (n, 3) metres; faces : (m, 3); values : (n,) metres, NaN where there is none
+    span : metres, where the colours end; they begin at -span, or at 0 if not ``signed``
+    figures : numbers by name, in SI units, as ``tables`` shows them
+    """
+
+    title: str
+    vertices_xyz: Floats
+    faces: Ints
+    values: Floats
+    span: float
+    figures: Mapping[str, Any]
+    signed: bool = True
+    quantity: str = 'deviation'
+    pictures: Sequence[Picture] = ()
+
+    @property
+    def low(self) -> float:
+        """Metres, where the colours begin."""
+        return -self.span if self.signed else 0.0
+
+
+def write_html(path: Path, page: Page) -> None:
+    """
+    Write a report with a mesh that can be turned.
+
+    :raises FileError: the file cannot be written
+    """
+    title, quantity = escape(page.title), escape(page.quantity)
+    finite = page.values[np.isfinite(page.values)]
+    parts = [
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">',
+        # without this a browser asks for one
+        f'<link rel="icon" href="data:,"><title>{title}</title><style>{viewer.STYLE}</style>',
+        f'</head><body><h1>{title}</h1>',
+        _verdict(page.figures),
+        '<canvas id="view"></canvas><p><span id="state">drawing</span> &nbsp; ',
+        f'{quantity} {page.low * 1e3:.3g}<span id="bar" style="background:{viewer.BAR}"></span>',
+        f'{page.span * 1e3:.3g} mm &nbsp; ',
+        '<label><input type="checkbox" id="plain"> plain</label></p>',
+        f'<h2>Distribution of {quantity}</h2>',
+        _histogram(finite * 1e3, page.low * 1e3, page.span * 1e3),
+        tables.tables(page.figures),
+        _gallery(page.pictures),
+        f'<script type="application/json" id="mesh">{_mesh(page)}</script>',
+        f'<script>{viewer.PROGRAM}</script></body></html>',
+    ]
+    files.write_text(path, '\n'.join(parts))
+
+
+def _mesh(page: Page) -> str:
+    vertices, faces, values = clustered(page.vertices_xyz, page.faces, page.values, MOST_TRIANGLES)
+    low, high = page.low, page.span
+    start, size = vertices.min(axis=0), np.maximum(np.ptp(vertices, axis=0), 1e-9)
+    places = np.round((vertices - start) / size * 65535).astype('<u2')
+    with np.errstate(invalid='ignore'):
+        shades = np.clip((values - low) / (high - low), 0.0, 1.0) * 254.0
+    bytes_ = np.where(np.isfinite(values), np.nan_to_num(shades), _NO_VALUE).astype(np.uint8)
+    return json.dumps(
+        {
+            'size': (size * 1e3).tolist(),
+            'places': _encoded(places.tobytes()),
+            'values': _encoded(bytes_.tobytes()),
+            'corners': _encoded(faces.astype('<u4').tobytes()),
+        }
+    )
+
+
+def _encoded(data: bytes) -> str:
+    return base64.b64encode(data).decode('ascii')
+
+
+def _verdict(figures: Mapping[str, Any]) -> str:
+    verdict = figures.get('verdict')
+    return '' if verdict is None else f'<p>Verdict: {tables.verdict(str(verdict))}</p>'
+
+
+def _histogram(values: Floats, low: float, high: float) -> str:
+    """Draw how often which value (millimetres) is, as SVG."""
+    counts, _ = np.histogram(np.clip(values, low, high), bins=_BINS, range=(low, high))
+    top = max(int(counts.max(initial=0)), 1)
+    width, height = 720.0, 140.0
+    bars = ''.join(
+        f'<rect x="{k * width / _BINS:.1f}" y="{height - height * n / top:.1f}" '
+        f'width="{width / _BINS - 1:.1f}" height="{height * n / top:.1f}"/>'
+        for k, n in enumerate(counts.tolist())
+    )
+    labels = ''.join(
+        f'<text x="{share * width:.0f}" y="{height + 16:.0f}" text-anchor="{anchor}">'
+        f'{low + share * (high - low):.3g} mm</text>'
+        for share, anchor in ((0.0, 'start'), (0.5, 'middle'), (1.0, 'end'))
+    )
+    return (
+        f'<svg viewBox="0 0 {width:.0f} {height + 22:.0f}" width="{width:.0f}" '
+        f'fill="#3b6ea5" font-size="13">{bars}<g fill="#1c2530">{labels}</g></svg>'
+    )
+
+
+def _gallery(pictures: Sequence[Picture]) -> str:
+    shown = ''.join(
+        f'<figure><img alt="{escape(picture.caption)}" '
+        f'src="data:{picture.media};base64,{_encoded(picture.data)}">'
+        f'<figcaption>{escape(picture.caption)}</figcaption></figure>'
+        for picture in pictures
+    )
+    return f'<h2>Pictures</h2><div class="row">{shown}</div>' if shown else ''

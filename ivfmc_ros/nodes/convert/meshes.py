@@ -1,0 +1,76 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Meshes as messages.
+
+Point by point through message objects, 200,000 triangles take seconds. So their bytes are made
+here: rclpy serialises the message without points, and the arrays are put where they belong (CDR:
+little endian, eight-byte numbers aligned to eight from behind the four bytes of the header).
+"""
+
+from geometry_msgs.msg import Pose
+from geometry_msgs.msg import Quaternion
+from geometry_msgs.msg import Vector3
+import numpy as np
+from rclpy.serialization import serialize_message
+from shape_msgs.msg import Mesh as MeshMessage
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker
+
+from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Ints
+from ivfmc_ros.nodes.convert.clouds import FRAME
+from ivfmc_ros.nodes.convert.stamps import header
+
+_CDR_HEADER = 4
+_GREY = (0.72, 0.74, 0.78)
+
+
+def marker(vertices_xyz: Floats, faces: Ints, stamp_ns: int) -> bytes:
+    """Return a visualization_msgs/Marker (TRIANGLE_LIST) as CDR; (n, 3) metres, (m, 3)."""
+    empty = Marker(
+        header=header(stamp_ns, FRAME),
+        ns='mesh',
+        type=Marker.TRIANGLE_LIST,
+        pose=Pose(orientation=Quaternion(w=1.0)),
+        scale=Vector3(x=1.0, y=1.0, z=1.0),
+        color=ColorRGBA(r=_GREY[0], g=_GREY[1], b=_GREY[2], a=1.0),
+    )
+    bare = bytes(serialize_message(empty))
+    start = _start_of_points(empty)
+    corners = np.ascontiguousarray(vertices_xyz[faces.ravel()], dtype='<f8')
+    return bare[:start] + _doubles(start, corners) + bare[start + 4 :]
+
+
+def mesh_shape(vertices_xyz: Floats, faces: Ints) -> bytes:
+    """Return a shape_msgs/Mesh as CDR; (n, 3) metres, (m, 3)."""
+    start = bytes(serialize_message(MeshMessage()))[:_CDR_HEADER]
+    triangles = np.ascontiguousarray(faces, dtype='<u4')
+    head = start + _count(len(triangles)) + triangles.tobytes()
+    return head + _doubles(len(head), np.ascontiguousarray(vertices_xyz, dtype='<f8'))
+
+
+def _doubles(position: int, values: Floats) -> bytes:
+    """Return the sequence of (n, 3) numbers that begins at ``position`` of a message."""
+    after = position + 4 - _CDR_HEADER
+    padding = -after % 8 if len(values) else 0
+    return _count(len(values)) + bytes(padding) + values.tobytes()
+
+
+def _count(number: int) -> bytes:
+    return int(number).to_bytes(4, 'little')
+
+
+def _start_of_points(empty: Marker) -> int:
+    """Return where a marker's number of points stands in its bytes."""
+    position = 8
+    for text in (empty.header.frame_id, empty.ns):
+        position = _aligned(position, 4) + 4 + len(text.encode()) + 1
+    # id, type and action; pose and scale; color, lifetime and frame_locked
+    position = _aligned(position, 4) + 12
+    position = _aligned(position, 8) + 56 + 24 + 16 + 8 + 1
+    return _CDR_HEADER + _aligned(position, 4)
+
+
+def _aligned(position: int, size: int) -> int:
+    return position + -position % size

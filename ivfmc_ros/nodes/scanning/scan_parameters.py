@@ -1,0 +1,164 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of the orchestrator: what a scan shall be, and what the cell can do."""
+
+from collections.abc import Mapping
+from dataclasses import fields
+import math
+from typing import Any
+
+from ivfmc_ros.meshing.io.export import FORMATS
+from ivfmc_ros.meshing.io.export import UNITS
+from ivfmc_ros.nodes.framework.base import CellNode
+from ivfmc_ros.scan import request as scan
+from ivfmc_ros.scan.plan import Motion
+from ivfmc_ros.scan.request import ScanRequest
+
+_HALF_TURN = math.pi
+
+
+class ScanParameters:
+    """Reads a request and a motion from the parameters, as they are at that moment."""
+
+    def __init__(self, node: CellNode) -> None:
+        self._node = node
+
+    def request(self) -> ScanRequest:
+        """Return what the next scan shall be."""
+        return _request({field.name: self._node.get(field.name) for field in fields(ScanRequest)})
+
+    def motion(self) -> Motion:
+        """Return what the table can do."""
+        return Motion(**{field.name: self._node.get(field.name) for field in fields(Motion)})
+
+
+def declare_scan_parameters(node: CellNode) -> ScanParameters:
+    """Declare all parameters of a scan; values that make no request are refused when set."""
+    _declare_request(node)
+    _declare_motion(node)
+    _declare_cell(node)
+    node.check(_require_request)
+    return ScanParameters(node)
+
+
+def _declare_request(node: CellNode) -> None:
+    default = ScanRequest()
+    names = 'letters, digits, . _ -, the first a letter or digit, at most 63'
+    node.parameter(
+        'part', default.part, 'Name of the part; becomes part of the scan id.', constraints=names
+    )
+    node.parameter(
+        'recipe', default.recipe, 'Name of the recipe, for the catalogue.', constraints=names
+    )
+    node.parameter(
+        'views',
+        default.views,
+        'Sweeps that share a turn, for each laser.',
+        low=1,
+        high=scan.MAX_VIEWS,
+    )
+    node.parameter(
+        'overlap',
+        default.overlap,
+        'Radians by which a sweep reaches into the next; of a single one, beyond the turn.',
+        low=0.0,
+        high=_HALF_TURN,
+    )
+    node.parameter(
+        'profiles',
+        default.profiles,
+        'Profiles of each view.',
+        low=3,
+        high=scan.MAX_PROFILES,
+    )
+    node.parameter(
+        'motion',
+        default.motion,
+        'step: turn, settle, take pictures; continuous: one smooth turn a sweep.',
+        choices=scan.MOTIONS,
+    )
+    node.parameter('lasers', [], 'Names of the lasers to use; empty for all.', kind=str)
+    node.parameter(
+        'dark_frames',
+        default.dark_frames,
+        'step: take a picture with all lasers off at every stop, which is subtracted.',
+    )
+    node.parameter(
+        'formats',
+        list(default.formats),
+        'Formats of the mesh files.',
+        constraints=f'some of {", ".join(FORMATS)}',
+    )
+    node.parameter(
+        'export_unit', default.export_unit, 'Unit of the mesh files.', choices=tuple(UNITS)
+    )
+
+
+def _declare_motion(node: CellNode) -> None:
+    default = Motion()
+    node.parameter(
+        'profile_rate',
+        default.profile_rate,
+        'Profiles a second that the camera gives; sets the speed of continuous motion.',
+        low=0.1,
+        high=1000.0,
+    )
+    node.parameter(
+        'velocity', default.velocity, 'Most that the table may have, rad/s.', low=0.01, high=50.0
+    )
+    node.parameter(
+        'acceleration', default.acceleration, 'Of the table, rad/s^2.', low=0.01, high=500.0
+    )
+    node.parameter(
+        'lead_time',
+        default.lead_time,
+        'Seconds at constant speed before the first profile of a sweep and after the last.',
+        low=0.05,
+        high=10.0,
+    )
+
+
+def _declare_cell(node: CellNode) -> None:
+    node.parameter('cell', '', 'Path of cell.yaml; read when a scan is accepted.')
+    node.parameter(
+        'scan_root', 'scans', 'Folder of the scans and of their catalogue.', read_only=True
+    )
+    node.parameter(
+        'home', False, 'Look for the home switch of the table before a scan, where it has one.'
+    )
+    node.parameter(
+        'position_tolerance',
+        2e-3,
+        'Radians by which the table may miss a position.',
+        low=1e-6,
+        high=0.1,
+    )
+    node.parameter(
+        'profile_patience',
+        20.0,
+        'Seconds that a profile may take before the scan fails.',
+        low=1.0,
+        high=600.0,
+    )
+    node.parameter(
+        'heartbeat_limit',
+        2.0,
+        'Seconds of silence after which a part of the cell is lost.',
+        low=0.3,
+        high=60.0,
+        read_only=True,
+    )
+
+
+def _request(values: Mapping[str, Any]) -> ScanRequest:
+    known: dict[str, Any] = {field.name: values[field.name] for field in fields(ScanRequest)}
+    for name in ('lasers', 'formats'):
+        # an empty list cannot be set again, one of an empty text can
+        known[name] = tuple(item for item in known[name] if item)
+    return ScanRequest(**known)
+
+
+def _require_request(values: Mapping[str, Any]) -> None:
+    # while the node starts, some are not there yet
+    if all(field.name in values for field in fields(ScanRequest)):
+        _request(values)

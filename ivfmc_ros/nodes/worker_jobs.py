@@ -1,0 +1,182 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The long jobs of registrar and mesher, as their worker does them. No ROS."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ivfmc_ros import pipeline
+from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.errors import FileError
+from ivfmc_ros.errors import NoStripeError
+from ivfmc_ros.inspection.reports.scan_page import mesh_figures
+from ivfmc_ros.meshing.display import thinned
+from ivfmc_ros.meshing.io import export
+from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Ints
+from ivfmc_ros.model import Poses
+from ivfmc_ros.model import Profile
+from ivfmc_ros.model import View
+from ivfmc_ros.registration.align import Verdict
+from ivfmc_ros.registration.merge.merge import merge
+from ivfmc_ros.registration.merge.merge import require_one_cell
+from ivfmc_ros.registration.merge.merge import require_several
+from ivfmc_ros.registration.misfit import laser_misfit
+from ivfmc_ros.registration.misfit import Misfit
+from ivfmc_ros.registration.views.motion_fit import Motion
+from ivfmc_ros.results import merging
+from ivfmc_ros.stopwatch import Stopwatch
+from ivfmc_ros.storage.stored_scan import retrieve
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Registered:
+    """Views at their places, and how that was found."""
+
+    views: list[View]
+    poses: Poses
+    verdicts: list[Verdict]
+    motions: list[Motion]
+    misfit: Misfit | None
+    counts: dict[str, int]
+    seconds: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Built:
+    """
+    A mesh that is on disk, as far as it is shown.
+
+    vertices_xyz, faces : (n, 3) metres and (m, 3), thinned out for display
+    max_edge : metres, of a triangle between neighbours
+    surface : which faces were measured, and where the mesh is open
+    paths : of the files, by their suffix
+    """
+
+    vertices_xyz: Floats
+    faces: Ints
+    max_edge: float | None
+    counts: dict[str, int]
+    surface: dict[str, Any]
+    paths: dict[str, str]
+    seconds: dict[str, float]
+
+
+def register(cell: Cell, profiles: Sequence[Profile], settings: pipeline.Settings) -> Registered:
+    """
+    Put profiles into views and find the place of each.
+
+    :raises NoStripeError: no profile has a point
+    :raises GeometryError: a view number holds profiles of two lasers
+    """
+    if not any(len(profile) for profile in profiles):
+        raise NoStripeError(f'none of the {len(profiles)} profiles has a point')
+    watch = Stopwatch()
+    with watch.stage('views'):
+        views, motions, counts = pipeline.views_of(cell, profiles, settings)
+    with watch.stage('registration'):
+        poses, verdicts = pipeline.poses_of(cell, views, settings)
+        misfit = laser_misfit(views, poses)
+    return Registered(
+        views=views,
+        poses=poses,
+        verdicts=verdicts,
+        motions=motions,
+        misfit=misfit,
+        counts={'profiles': len(profiles), 'views': len(views), **counts},
+        seconds=watch.seconds,
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Joined:
+    """
+    Clampings in the frame of the first.
+
+    placed : of each scan, as the report of a merge has it
+    """
+
+    views: list[View]
+    poses: Poses
+    placed: list[dict[str, Any]]
+    seconds: dict[str, float]
+
+
+def merge_scans(root: str, scan_ids: Sequence[str], settings: pipeline.Settings) -> Joined:
+    """
+    Bring stored scans of one part together.
+
+    root : folder of the scans
+    :raises ParameterError: fewer than two scans, one twice, or of different cells
+    :raises CatalogueError: there is no such scan
+    :raises GeometryError: one of them finds no place on the others
+    :raises AmbiguousError: it fits in several ways
+    """
+    require_several(scan_ids)
+    watch = Stopwatch()
+    clampings = []
+    with watch.stage('retrieval'):
+        stored = [retrieve(Path(root), scan_id) for scan_id in scan_ids]
+    with watch.stage('views'):
+        for scan_id, (profiles, cell) in zip(scan_ids, stored, strict=True):
+            clampings.append(pipeline.clamping_of(scan_id, cell, profiles, settings))
+        require_one_cell(clampings)
+    with watch.stage('registration'):
+        merged = merge(clampings)
+    return Joined(
+        views=merged.views,
+        poses=merged.poses,
+        placed=merging(merged),
+        seconds=watch.seconds,
+    )
+
+
+def build(
+    cell: Cell,
+    views: Sequence[View],
+    poses: Poses,
+    settings: pipeline.Settings,
+    folder: str,
+    suffixes: Sequence[str],
+    triangles: int,
+) -> Built:
+    """
+    Make a mesh of views, and files of it where a folder is named.
+
+    suffixes : of the files, such as stl
+    triangles : shown at most
+    :raises GeometryError: the points make no surface
+    :raises FileError: a file is there already, or cannot be written
+    """
+    paths = {suffix: Path(folder) / f'mesh.{suffix}' for suffix in suffixes if folder}
+    for path in paths.values():
+        if path.exists():
+            raise FileError(f'{path}: exists already and is not overwritten')
+    watch = Stopwatch()
+    with watch.stage('meshing'):
+        mesh, used = pipeline.mesh_of(cell, list(views), poses, settings)
+    with watch.stage('files'):
+        for path in paths.values():
+            export.write_mesh(path, mesh, settings.export_unit)
+    with watch.stage('display'):
+        vertices, faces = thinned(mesh.vertices_xyz, mesh.faces, triangles)
+    return Built(
+        vertices_xyz=vertices,
+        faces=faces,
+        max_edge=used.max_edge,
+        counts={
+            'views': len(views),
+            'vertices': len(mesh.vertices_xyz),
+            'faces': len(mesh.faces),
+            'shown_faces': len(faces),
+        },
+        surface=mesh_figures(mesh),
+        paths={suffix: str(path) for suffix, path in paths.items()},
+        seconds=watch.seconds,
+    )
+
+
+def load() -> None:
+    """Do nothing: that the worker has got this far is what a node waits for."""

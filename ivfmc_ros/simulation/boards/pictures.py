@@ -1,0 +1,196 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of calibration boards, in the hand and on the platter, with or without the stripe."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ivfmc_ros.calibration.boards.board import Board
+from ivfmc_ros.cell import transforms
+from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.errors import GeometryError
+from ivfmc_ros.model import Floats
+from ivfmc_ros.simulation.boards import printed
+from ivfmc_ros.simulation.boards.textures import board_texture
+from ivfmc_ros.simulation.boards.textures import Texture
+from ivfmc_ros.simulation.parts.loading import Platter
+from ivfmc_ros.simulation.render.optics import axis_depth
+from ivfmc_ros.simulation.render.optics import expose
+from ivfmc_ros.simulation.render.optics import Optics
+from ivfmc_ros.simulation.render.optics import sheet_sigma
+from ivfmc_ros.simulation.render.sources import LaserSource
+from ivfmc_ros.simulation.render.sources import usual_source
+
+# DN of a white board: bright alone, dim beside a stripe that must not saturate on it.
+PLAIN_LEVEL = 150.0
+STRIPE_LEVEL = 40.0
+
+_TEXELS_PER_PIXEL = 2.0
+_MARGIN = 0.5  # of white paper around the print, in squares
+
+# A board's z points into the print, so that on the platter it points down.
+_FACE_UP = transforms.rigid(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Room:
+    """
+    What is around a board.
+
+    level : DN of white in the room's light; None: bright without, dim with the stripe
+    source : where the laser stands; None: ``usual_source``
+    platter : the disc under a board on the table, or None
+    """
+
+    level: float | None = None
+    source: LaserSource | None = None
+    platter: Platter | None = None
+
+
+def render_board(
+    cell: Cell,
+    board: Board,
+    camera_from_board: Floats,
+    laser: int | None = None,
+    *,
+    optics: Optics | None = None,
+    rng: np.random.Generator | None = None,
+    room: Room | None = None,
+) -> NDArray[np.uint8]:
+    """
+    Return a picture of a board in the dark.
+
+    camera_from_board : (4, 4) rigid; the print is on the side from which z points away
+    laser : index of the laser whose stripe falls on the board, or None
+    returns : (height, width) uint8
+
+    :raises GeometryError: the camera is behind the board
+    """
+    optics, room = optics or Optics(), room or Room()
+    texture = board_texture(board, _texel(cell), _MARGIN * board.square)
+    light = printed.lay(
+        printed.dark(cell.camera, optics.ambient),
+        cell.camera,
+        texture,
+        camera_from_board,
+        level=_level(room, laser),
+        beam=_beam(cell, laser, optics, room),
+    )
+    return expose(light.steady, light.laser, optics, rng or np.random.default_rng(0))
+
+
+def render_platter_board(
+    cell: Cell,
+    board: Board,
+    angle: float,
+    laser: int | None = None,
+    *,
+    thickness: float = 0.0,
+    optics: Optics | None = None,
+    rng: np.random.Generator | None = None,
+    room: Room | None = None,
+) -> NDArray[np.uint8]:
+    """
+    Return a picture of a board that lies on the platter, its middle on the axis.
+
+    angle : table position, radians
+    thickness : metres, of the board; what it hides or shades of the platter is not drawn
+    others : as ``render_board``
+    """
+    optics, room = optics or Optics(), room or Room()
+    pose = platter_board_pose(cell, board, angle, thickness)
+    layers = [(board_texture(board, _texel(cell), _MARGIN * board.square), pose)]
+    if room.platter is not None:
+        disc = cell.turntable.camera_from_base @ _FACE_UP
+        layers.insert(0, (_disc_texture(room.platter), disc))
+    light = printed.dark(cell.camera, optics.ambient)
+    beam, level = _beam(cell, laser, optics, room), _level(room, laser)
+    for texture, layer_pose in layers:
+        light = printed.lay(light, cell.camera, texture, layer_pose, level=level, beam=beam)
+    return expose(light.steady, light.laser, optics, rng or np.random.default_rng(0))
+
+
+def platter_board_pose(cell: Cell, board: Board, angle: float, thickness: float = 0.0) -> Floats:
+    """Return the (4, 4) camera_from_board of a board on the platter at a table angle."""
+    turn = transforms.rigid(transforms.rotation_z(angle), (0.0, 0.0, thickness))
+    centred = transforms.rigid(np.eye(3), -board.corners_xyz.mean(axis=0))
+    return np.asarray(cell.turntable.camera_from_base @ turn @ _FACE_UP @ centred)
+
+
+def scatter_poses(
+    cell: Cell, board: Board, count: int, rng: np.random.Generator, tilt: float = 0.6
+) -> list[Floats]:
+    """
+    Return ``count`` poses in which the whole board is seen, all over picture and volume.
+
+    tilt : radians, the most that the board is turned from facing the camera
+    returns : (4, 4) camera_from_board each
+
+    :raises GeometryError: the board does not fit into the picture
+    """
+    poses: list[Floats] = []
+    for _ in range(200 * count):
+        pose = _random_pose(cell, board, rng, tilt)
+        if _whole(cell, board, pose):
+            poses.append(pose)
+        if len(poses) == count:
+            return poses
+    raise GeometryError(f'{board} does not fit into the picture; use a smaller board')
+
+
+def _random_pose(cell: Cell, board: Board, rng: np.random.Generator, tilt: float) -> Floats:
+    depth = axis_depth(cell) * rng.uniform(0.8, 1.15)
+    aim = rng.uniform(0.1, 0.9, 2) * cell.camera.size
+    place = cell.camera.rays(aim)[0] * depth
+    axis = rng.standard_normal(3) * (1.0, 1.0, 0.3)
+    axis *= rng.uniform(0.3, 1.0) * tilt / np.linalg.norm(axis)
+    turn = np.asarray(cv2.Rodrigues(axis)[0], dtype=np.float64)
+    middle = board.corners_xyz.mean(axis=0)
+    return transforms.rigid(turn, place - turn @ middle)
+
+
+def _whole(cell: Cell, board: Board, pose: Floats) -> bool:
+    outline = np.zeros((4, 3))
+    outline[:, :2] = board_texture(board, board.square / 8, _MARGIN * board.square).outline_xy
+    points = transforms.apply(pose, outline)
+    if (points[:, 2] <= 0).any():
+        return False
+    uv = cell.camera.project(points)
+    return bool((uv > 0).all() and (uv < np.array(cell.camera.size) - 1).all())
+
+
+def _beam(cell: Cell, laser: int | None, optics: Optics, room: Room) -> printed.Beam | None:
+    if laser is None:
+        return None
+    plane = cell.lasers[laser]
+    return printed.Beam(
+        plane=plane,
+        source=room.source or usual_source(cell, plane),
+        sigma=sheet_sigma(cell, plane, optics),
+        peak=optics.peak,
+    )
+
+
+def _level(room: Room, laser: int | None) -> float:
+    if room.level is not None:
+        return room.level
+    return PLAIN_LEVEL if laser is None else STRIPE_LEVEL
+
+
+def _texel(cell: Cell) -> float:
+    """Return a texel in metres such that no edge of the print is stepped in the picture."""
+    return float(axis_depth(cell) / cell.camera.K[0, 0] / _TEXELS_PER_PIXEL)
+
+
+def _disc_texture(platter: Platter) -> Texture:
+    texel = platter.radius / 512
+    steps = (np.arange(1024) + 0.5) * texel - platter.radius
+    inside = np.hypot.outer(steps, steps) <= platter.radius
+    return Texture(
+        albedo=np.where(inside, platter.reflectance, 0.0).astype(np.float32),
+        corner_xy=np.full(2, -platter.radius),
+        texel=texel,
+    )

@@ -1,0 +1,175 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A GRBL 1.1 board on a pseudo-terminal, with the faults that boards have."""
+
+from collections.abc import Callable
+import contextlib
+import math
+import os
+from pathlib import Path
+import select
+import termios
+import threading
+import time
+
+import numpy as np
+
+from ivfmc_ros.devices.motion.ramp import Motion
+from ivfmc_ros.errors import FileError
+from ivfmc_ros.simulation.grbl.machine import GrblMachine
+from ivfmc_ros.simulation.grbl.modes import Outputs
+
+_IDLE = 0.02  # seconds between looks at whether the port was opened
+_BOOT = 0.2  # seconds from opening the port to the banner; a real boot loader takes 1 to 2
+_UP_AND_AWAY = select.POLLHUP
+
+
+class BoardEmulator:
+    """
+    Serves one board at ``path``, a symbolic link to a pseudo-terminal, in a thread of its own.
+
+    Opening the port resets the board, as it does with an Arduino. A fault is a line of text,
+    see ``fault``.
+
+    on_motion, on_outputs, clock_scale : see GrblMachine; times are of time.monotonic
+    homing : the board has a home switch, and is locked until it was homed
+    seed : of the bytes that are dropped
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        on_motion: Callable[[float, Motion], None] = lambda now, motion: None,
+        on_outputs: Callable[[float, Outputs], None] = lambda now, outputs: None,
+        clock_scale: float = 1.0,
+        homing: bool = False,
+        seed: int = 0,
+    ) -> None:
+        self.machine = GrblMachine(
+            on_motion=on_motion, on_outputs=on_outputs, clock_scale=clock_scale
+        )
+        self.machine.settings[22] = float(homing)
+        self._path = path
+        self._rng = np.random.default_rng(seed)
+        self._drop = 0.0
+        self._silent_until = -math.inf
+        self._boot_at = math.inf
+        self._closing = threading.Event()
+        self._lock = threading.Lock()
+        self._master = -1
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """:raises FileError: there is something at the path already, or no such folder."""
+        self._master, slave = os.openpty()
+        _make_raw(slave)
+        name = os.ttyname(slave)
+        # only after it was opened and closed once, a terminal says that nobody has it open
+        os.close(slave)
+        os.set_blocking(self._master, False)
+        try:
+            self._path.symlink_to(name)
+        except OSError as error:
+            os.close(self._master)
+            raise FileError(f'{self._path}: cannot be made: {error.strerror}') from error
+        self._thread = threading.Thread(target=self._serve, name='emulator', daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Take the board away."""
+        self._closing.set()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+            self._path.unlink(missing_ok=True)
+            if self._master >= 0:
+                os.close(self._master)
+                self._master = -1
+
+    def fault(self, text: str) -> None:
+        """
+        Do what a board should not.
+
+        ``drop P`` loses every byte to the computer with probability P; ``silence S`` answers
+        nothing for S seconds; ``reset`` restarts by itself, as after a brown-out;
+        ``alarm N`` raises an alarm; ``slip D`` turns the table by D degrees on its shaft;
+        ``noise`` sends a line of noise; ``unplug`` takes the port away.
+
+        :raises ValueError: there is no such fault
+        """
+        name, _, argument = text.strip().partition(' ')
+        now = time.monotonic()
+        with self._lock:
+            if name == 'drop':
+                self._drop = float(argument)
+            elif name == 'silence':
+                self._silent_until = now + float(argument)
+            elif name == 'reset':
+                self.machine.power_on(now)
+            elif name == 'alarm':
+                self.machine.alarm(int(argument), now)
+            elif name == 'slip':
+                self.machine.axis.slip(float(argument), now)
+            elif name == 'noise':
+                self._write(self._rng.integers(1, 255, 20).astype(np.uint8).tobytes() + b'\n')
+            elif name == 'unplug':
+                self._unplug()
+            else:
+                raise ValueError(f'there is no fault {name!r}')
+
+    def _serve(self) -> None:
+        poller = select.poll()
+        poller.register(self._master, select.POLLIN)
+        opened = False
+        while not self._closing.is_set() and self._master >= 0:
+            events = poller.poll(self._wait() * 1000)
+            state = events[0][1] if events else 0
+            with self._lock:
+                if state & _UP_AND_AWAY:
+                    opened = False
+                elif not opened:
+                    opened, self._boot_at = True, time.monotonic() + _BOOT
+                self._work(bool(state & select.POLLIN))
+            if not opened:
+                self._closing.wait(_IDLE)
+
+    def _wait(self) -> float:
+        due = min(self.machine.due, self._boot_at)
+        return float(np.clip(due - time.monotonic(), 0.0005, _IDLE))
+
+    def _work(self, readable: bool) -> None:
+        data = b''
+        if readable:
+            with contextlib.suppress(OSError):  # nobody has it open any more
+                data = os.read(self._master, 4096)
+        now = time.monotonic()
+        if now >= self._boot_at:
+            self._boot_at = math.inf
+            self.machine.power_on(now)
+        elif self._boot_at < math.inf:
+            data = b''  # the boot loader has eaten it
+        self.machine.advance(now)
+        self.machine.feed(data, now)
+        output = self.machine.take_output()
+        if output and now >= self._silent_until:
+            self._write(output)
+
+    def _write(self, output: bytes) -> None:
+        if self._drop:
+            kept = self._rng.random(len(output)) >= self._drop
+            output = np.frombuffer(output, dtype=np.uint8)[kept].tobytes()
+        # nobody has it open, or nobody reads it
+        with contextlib.suppress(OSError):
+            os.write(self._master, output)
+
+    def _unplug(self) -> None:
+        master, self._master = self._master, -1
+        os.close(master)
+        self._path.unlink(missing_ok=True)
+
+
+def _make_raw(terminal: int) -> None:
+    modes = termios.tcgetattr(terminal)
+    modes[0] = modes[1] = modes[3] = 0
+    termios.tcsetattr(terminal, termios.TCSANOW, modes)

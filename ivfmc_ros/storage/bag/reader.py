@@ -1,0 +1,302 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Opens bags, ours and other people's, and says what is wrong with a damaged one."""
+
+from collections import Counter
+from collections.abc import Callable
+from collections.abc import Collection
+from collections.abc import Iterator
+from dataclasses import dataclass
+import os
+from pathlib import Path
+import struct
+from typing import Any
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.records import Channel
+from mcap.records import Message
+from mcap.records import Schema
+from mcap.stream_reader import StreamReader
+import zstandard
+
+from ivfmc_ros.errors import BagError
+from ivfmc_ros.storage.bag import metadata
+from ivfmc_ros.storage.messages import cdr
+
+_MAGIC = b'\x89MCAP0\r\n'
+
+# what damaged files make the library raise; lz4 raises RuntimeError, a wrong CRC a ValueError
+DAMAGE = (
+    McapError,
+    zstandard.ZstdError,
+    struct.error,
+    ValueError,
+    KeyError,
+    RuntimeError,
+    OverflowError,
+    MemoryError,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Topic:
+    """A topic of a bag; ``msgtype`` is '' where the bag does not tell its type."""
+
+    name: str
+    msgtype: str
+    encoding: str
+    count: int
+    schema_encoding: str = ''
+    definition: str = ''
+
+
+@dataclass(frozen=True, kw_only=True)
+class Raw:
+    """A message as it lies in the bag; ``index`` counts those of its topic from 0."""
+
+    topic: str
+    index: int
+    log_time_ns: int
+    data: bytes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bag:
+    """
+    An open bag: one MCAP file, or the several of a split recording.
+
+    path : as the user named it, for messages
+    topics : by name
+    damage : what is wrong with a bag that was opened to salvage what it holds, or None
+    """
+
+    path: Path
+    files: tuple[Path, ...]
+    topics: dict[str, Topic]
+    damage: str | None = None
+
+    @property
+    def message_count(self) -> int:
+        """Messages on all topics."""
+        return sum(topic.count for topic in self.topics.values())
+
+    def topic(self, name: str) -> Topic:
+        """:raises BagError: there is no such topic; the message lists those that there are."""
+        if name not in self.topics:
+            raise BagError(f'{self.path}: has no topic {name}; it has {self.listing()}')
+        return self.topics[name]
+
+    def listing(self) -> str:
+        """Return the topics with their types, for messages."""
+        topics = sorted(self.topics.values(), key=lambda topic: topic.name)
+        return ', '.join(f'{topic.name} ({topic.msgtype})' for topic in topics) or 'no topics'
+
+    def decoder(self, name: str) -> Callable[[Raw], Any]:
+        """
+        Return a function that decodes the messages of a topic by the bag's own definition.
+
+        :raises BagError: the topic is missing, or the bag does not say how it is encoded
+        """
+        topic = self.topic(name)
+        where = f'{self.path}: {name}'
+        if topic.encoding != cdr.ENCODING:
+            raise BagError(f'{where}: is encoded as {topic.encoding!r}, only cdr can be read')
+        if not topic.definition:
+            raise BagError(f'{where}: the bag has no definition (schema) of its messages')
+        try:
+            decode = cdr.decoder(topic.msgtype, topic.schema_encoding, topic.definition)
+        except BagError as error:
+            raise BagError(f'{where}: {error}') from error
+
+        def decode_named(raw: Raw) -> Any:
+            try:
+                return decode(raw.data)
+            except BagError as error:
+                raise BagError(f'{where}, message {raw.index}: {error}') from error
+
+        return decode_named
+
+    def stamp_ns(self, raw: Raw) -> int:
+        """
+        Return the stamp, in nanoseconds, of a message that begins with a header; not decoded.
+
+        :raises BagError: it is too short for a header
+        """
+        try:
+            return cdr.leading_stamp_ns(raw.data)
+        except BagError as error:
+            raise BagError(f'{self.path}: {raw.topic}, message {raw.index}: {error}') from error
+
+    def messages(self, topics: Collection[str]) -> Iterator[Raw]:
+        """
+        Yield the messages of some topics in the order in which they were written.
+
+        :raises BagError: the bag is damaged and was not opened to salvage what it holds
+        """
+        seen: Counter[str] = Counter()
+        for file in self.files:
+            try:
+                for channel, message in _stream(file):
+                    if channel.topic in topics:
+                        index = seen[channel.topic]
+                        seen[channel.topic] += 1
+                        yield _raw(channel.topic, index, message)
+            except _DamageError as error:
+                if self.damage is None:
+                    raise BagError(_complaint(error, file, seen)) from error
+
+
+class _DamageError(Exception):
+    """A file ends early or its bytes are wrong."""
+
+
+def open_bag(path: Path, *, salvage: bool = False) -> Bag:
+    """
+    Open a bag folder or an ``.mcap`` file.
+
+    salvage : use what can be read of a damaged bag; ``Bag.damage`` tells that it is one
+    :raises BagError: it is no bag, is damaged, or is encoded in a way that cannot be read
+    """
+    files = tuple(metadata.bag_files(path)) if path.is_dir() else (path,)
+    topics: dict[str, Topic] = {}
+    damage = None
+    for file in files:
+        found, complaint = _topics(file, trust_index=not salvage)
+        if complaint and not salvage:
+            raise BagError(complaint)
+        damage = damage or complaint
+        for topic in found:
+            _add(topics, topic)
+    _refuse_foreign(path, topics)
+    return Bag(path=path, files=files, topics=topics, damage=damage)
+
+
+def _add(topics: dict[str, Topic], topic: Topic) -> None:
+    # a split recording, or two publishers, give one topic several channels
+    known = topics.get(topic.name)
+    if known is None:
+        topics[topic.name] = topic
+        return
+    fields = {**vars(topic), 'count': known.count + topic.count}
+    topics[topic.name] = Topic(**fields)
+
+
+def _refuse_foreign(path: Path, topics: dict[str, Topic]) -> None:
+    encodings = {topic.encoding for topic in topics.values()}
+    if encodings and cdr.ENCODING not in encodings:
+        names = ', '.join(sorted(topics))
+        raise BagError(
+            f'{path}: the messages are encoded as {", ".join(map(repr, sorted(encodings)))} '
+            f'({names}), only cdr can be read'
+        )
+
+
+def _topics(file: Path, *, trust_index: bool) -> tuple[list[Topic], str | None]:
+    """Return the topics of a file, and what is wrong with it or None."""
+    _require_mcap(file)
+    indexed = _indexed(file) if trust_index else None
+    if indexed is not None:
+        return indexed, None
+    channels: dict[int, tuple[Channel, Schema | None]] = {}
+    counts: Counter[int] = Counter()
+    complaint = None
+    try:
+        for channel, _ in _stream(file, channels):
+            counts[channel.id] += 1
+    except _DamageError as error:
+        names: Counter[str] = Counter()
+        for number, count in counts.items():
+            names[channels[number][0].topic] += count
+        complaint = _complaint(error, file, names)
+    return [_topic(*channels[number], counts[number]) for number in channels], complaint
+
+
+def _require_mcap(file: Path) -> None:
+    try:
+        with file.open('rb') as stream:
+            start = stream.read(len(_MAGIC))
+    except OSError as error:
+        raise BagError(f'{file}: cannot be read: {error.strerror or error}') from error
+    if start != _MAGIC:
+        raise BagError(f'{file}: is not an MCAP file; name an .mcap file or a bag folder')
+
+
+def _is_cut_off(file: Path) -> bool:
+    if file.stat().st_size < 2 * len(_MAGIC):
+        return True
+    with file.open('rb') as stream:
+        stream.seek(-len(_MAGIC), os.SEEK_END)
+        return stream.read() != _MAGIC
+
+
+def _indexed(file: Path) -> list[Topic] | None:
+    """Return the topics by the index at the end of a file, or None if it has none."""
+    if _is_cut_off(file):
+        return None
+    with file.open('rb') as stream:
+        try:
+            summary = make_reader(stream).get_summary()
+        except (*DAMAGE, OSError):
+            return None
+    if summary is None or summary.statistics is None:
+        return None
+    counts = summary.statistics.channel_message_counts
+    return [
+        _topic(channel, summary.schemas.get(channel.schema_id), counts.get(channel.id, 0))
+        for channel in summary.channels.values()
+    ]
+
+
+def _topic(channel: Channel, schema: Schema | None, count: int) -> Topic:
+    return Topic(
+        name=channel.topic,
+        msgtype=schema.name if schema else '',
+        encoding=channel.message_encoding,
+        count=count,
+        schema_encoding=schema.encoding if schema else '',
+        definition=schema.data.decode('utf-8', 'replace') if schema else '',
+    )
+
+
+def _stream(
+    file: Path, channels: dict[int, tuple[Channel, Schema | None]] | None = None
+) -> Iterator[tuple[Channel, Message]]:
+    """
+    Yield the messages of a file from its beginning, every checksum checked.
+
+    channels : is filled with what is found, by channel id
+    :raises _DamageError: after the last message that is whole
+    """
+    channels = {} if channels is None else channels
+    schemas: dict[int, Schema] = {}
+    with file.open('rb') as stream:
+        records = StreamReader(stream, validate_crcs=True).records
+        while True:
+            try:
+                record = next(records, None)
+                if isinstance(record, Message):
+                    channel, _ = channels[record.channel_id]
+            except DAMAGE as error:
+                raise _DamageError(str(error) or type(error).__name__) from error
+            if record is None:
+                return
+            if isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                channels[record.id] = record, schemas.get(record.schema_id)
+            elif isinstance(record, Message):
+                yield channel, record
+
+
+def _raw(topic: str, index: int, message: Message) -> Raw:
+    return Raw(topic=topic, index=index, log_time_ns=message.log_time, data=message.data)
+
+
+def _complaint(error: _DamageError, file: Path, counts: Counter[str]) -> str:
+    per_topic = ', '.join(f'{count} on {name}' for name, count in sorted(counts.items()))
+    what = 'is cut off' if _is_cut_off(file) else f'is damaged ({error})'
+    return (
+        f'{file}: the file {what}; {counts.total()} messages can be read before that'
+        f'{f" ({per_topic})" if per_topic else ""}; copy it again or salvage what it holds'
+    )

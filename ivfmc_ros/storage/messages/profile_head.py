@@ -1,0 +1,68 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a profile message says of itself, read from its first point alone."""
+
+from dataclasses import dataclass
+import math
+import struct
+from typing import Any
+
+from ivfmc_ros.errors import MessageError
+from ivfmc_ros.storage.messages import cdr
+
+# by the numbers of sensor_msgs/PointField: UINT8, UINT16, UINT32, FLOAT32
+_FORMATS = {2: 'B', 4: 'H', 6: 'I', 7: 'f'}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProfileHead:
+    """
+    Which profile it is.
+
+    angle : radians, provisional in continuous motion
+    points : on the stripe; a profile without any is one NaN point in its message
+    speed : of the table, radians per second; 0 where it stood, or where nobody says
+    """
+
+    seq: int
+    view: int
+    laser: int
+    angle: float
+    points: int
+    stamp_ns: int
+    speed: float = 0.0
+
+
+def read_head(cloud: Any) -> ProfileHead:
+    """
+    Read the head of a sensor_msgs/PointCloud2 on ``profile``.
+
+    :raises MessageError: it is no profile; the message names what is missing
+    """
+    if cloud.is_bigendian:
+        raise MessageError('profile: is big endian, only little endian can be read')
+    if cloud.width * cloud.height < 1 or len(cloud.data) < cloud.point_step:
+        raise MessageError('profile: has no point; one without a stripe has one NaN point')
+    fields = {field.name: field for field in cloud.fields}
+    x = _value(cloud, fields, 'x')
+    return ProfileHead(
+        seq=int(_value(cloud, fields, 'seq')),
+        view=int(_value(cloud, fields, 'view')),
+        laser=int(_value(cloud, fields, 'laser')),
+        angle=float(_value(cloud, fields, 'angle')),
+        speed=float(_value(cloud, fields, 'speed')) if 'speed' in fields else 0.0,
+        points=cloud.width * cloud.height if not math.isnan(x) else 0,
+        stamp_ns=cdr.stamp_ns(cloud),
+    )
+
+
+def _value(cloud: Any, fields: dict[str, Any], name: str) -> float:
+    field = fields.get(name)
+    if field is None or field.datatype not in _FORMATS:
+        known = ', '.join(fields) or 'none'
+        raise MessageError(f'profile: has no usable field {name!r}; its fields are {known}')
+    kind = '<' + _FORMATS[field.datatype]
+    try:
+        return float(struct.unpack_from(kind, cloud.data, field.offset)[0])
+    except struct.error as error:
+        raise MessageError(f'profile: is too short for its field {name!r}') from error

@@ -1,0 +1,201 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from ivfmc_ros.calibration.boards.board import parse_board
+from ivfmc_ros.cell.camera_file import load_camera
+from ivfmc_ros.cell.camera_file import save_camera
+from ivfmc_ros.cell.cell_file import load_draft
+from ivfmc_ros.cell.cell_file import save_cell
+from ivfmc_ros.cell.cell_file import save_draft
+from ivfmc_ros.cli.main import main
+from ivfmc_ros.simulation.bench import bench_cell
+from ivfmc_ros.simulation.boards.pictures import render_board
+from ivfmc_ros.simulation.boards.pictures import render_platter_board
+from ivfmc_ros.simulation.boards.pictures import scatter_poses
+
+CHESSBOARD, CHARUCO = 'chessboard:7x5:17mm', 'charuco:8x6:15mm:11mm:DICT_4X4_50'
+
+
+def small_cell():
+    """The bench cell with pixels of twice the size."""
+    bench = bench_cell()
+    K = bench.camera.K / 2.0
+    K[:2, 2] -= 0.25
+    K[2, 2] = 1.0
+    camera = type(bench.camera)(width=640, height=512, K=K, distortion=bench.camera.distortion)
+    return type(bench)(camera=camera, turntable=bench.turntable, lasers=bench.lasers)
+
+
+@pytest.fixture(scope='module')
+def pictures(tmp_path_factory):
+    """Folders of rendered pictures: camera, laser, table."""
+    folder, cell, rng = tmp_path_factory.mktemp('pictures'), small_cell(), np.random.default_rng(4)
+    board = parse_board(CHESSBOARD)
+    for name in ('camera', 'laser', 'table'):
+        (folder / name).mkdir()
+    for k, pose in enumerate(scatter_poses(cell, board, 9, rng, tilt=0.8)):
+        cv2.imwrite(str(folder / 'camera' / f'{k}.png'), render_board(cell, board, pose, rng=rng))
+    for k, pose in enumerate(scatter_poses(cell, board, 12, rng)):
+        image = render_board(cell, board, pose, 0, rng=rng)
+        cv2.imwrite(str(folder / 'laser' / f'{k}.png'), image)
+    for k in range(6):
+        image = render_platter_board(cell, parse_board(CHARUCO), k * np.pi / 3, rng=rng)
+        cv2.imwrite(str(folder / 'table' / f'{k}.png'), image)
+    return folder
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Run ivfmc calibrate in a folder of its own; returns exit code and what was written."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words):
+        code = 0
+        try:
+            main(['calibrate', *map(str, words)])
+        except SystemExit as stop:
+            code = stop.code or 0
+        return code, capsys.readouterr()
+
+    return call
+
+
+def test_rendered_cell_is_calibrated_from_pictures(run, pictures, tmp_path):
+    cell = small_cell()
+    assert run('camera', pictures / 'camera', '--board', CHESSBOARD)[0] == 0
+    cam = ('--camera', 'camera.yaml', '--cell', 'cell.yaml')
+    assert run('laser', pictures / 'laser', *cam, '--board', CHESSBOARD, '--name', 'left')[0] == 0
+    assert run('turntable', pictures / 'table', *cam, '--board', CHARUCO)[0] == 0
+    assert run('angles', pictures / 'table', *cam, '--board', CHARUCO)[0] == 0
+    expected = {'camera', 'cell.left', 'cell.turntable'}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *(f'{stem}.png' for stem in expected),
+        *(f'{stem}.report.json' for stem in expected),
+        'camera.yaml',
+        'cell.yaml',
+        'angles.yaml',
+    }
+    camera = load_camera(tmp_path / 'camera.yaml')
+    found = load_draft(tmp_path / 'cell.yaml').complete(camera, 'cell.yaml')
+    true = cell.turntable.camera_from_base
+    assert np.linalg.norm(found.turntable.camera_from_base[:3, 3] - true[:3, 3]) < 1e-3
+    assert np.degrees(np.arccos(found.lasers[0].normal @ cell.lasers[0].normal)) < 0.3
+    assert found.notes['board']['square_m'] == pytest.approx(0.017)
+    report = json.loads((tmp_path / 'cell.left.report.json').read_text())
+    assert report['scale'] == f'the squares of {CHESSBOARD}'
+    assert (
+        'board' in found.notes['board']['turntable_scale']
+        or CHARUCO in (found.notes['board']['turntable_scale'])
+    )
+
+
+@pytest.fixture
+def calibrated(tmp_path):
+    """A folder with a camera.yaml and a cell.yaml."""
+    cell = small_cell()
+    save_camera(tmp_path / 'camera.yaml', cell.camera)
+    save_cell(tmp_path / 'cell.yaml', cell)
+    return tmp_path
+
+
+def refused(outcome, *says):
+    code, written = outcome
+    assert code == 1
+    lines = written.err.strip().splitlines()
+    assert len(lines) == 1, written.err
+    assert lines[0].startswith('ivfmc: error: ')
+    for word in says:
+        assert word in lines[0]
+
+
+def test_empty_folder_is_refused(run, tmp_path):
+    (tmp_path / 'none').mkdir()
+    refused(run('camera', 'none', '--board', CHESSBOARD), 'none', 'no picture')
+    assert not (tmp_path / 'camera.yaml').exists()
+
+
+def test_missing_folder_is_refused(run):
+    refused(run('camera', 'nowhere', '--board', CHESSBOARD), 'nowhere')
+
+
+def test_picture_of_another_size_is_refused(run, pictures, calibrated, tmp_path):
+    (tmp_path / 'mixed').mkdir()
+    cv2.imwrite(str(tmp_path / 'mixed' / 'small.png'), np.zeros((48, 64), np.uint8))
+    words = ('mixed', '--camera', 'camera.yaml', '--cell', 'cell.yaml')
+    refused(run('laser', *words, '--board', CHESSBOARD), 'small.png', '64 x 48', '640 x 512')
+    refused(run('turntable', *words, '--board', CHARUCO), 'small.png')
+
+
+def test_truncated_jpeg_is_refused(run, tmp_path, pictures):
+    (tmp_path / 'cut').mkdir()
+    image = cv2.imread(str(pictures / 'camera' / '0.png'))
+    data = cv2.imencode('.jpg', image)[1].tobytes()
+    (tmp_path / 'cut' / 'a.jpg').write_bytes(data[: len(data) // 2])
+    refused(run('camera', 'cut', '--board', CHESSBOARD), 'a.jpg', 'cut off')
+
+
+def test_board_that_is_never_found_is_refused(run, tmp_path):
+    (tmp_path / 'grey').mkdir()
+    cv2.imwrite(str(tmp_path / 'grey' / '1.png'), np.full((64, 64), 99, np.uint8))
+    refused(run('camera', 'grey', '--board', CHESSBOARD), 'grey', CHESSBOARD, '--board')
+
+
+def test_too_few_views_are_refused(run, tmp_path, pictures):
+    (tmp_path / 'few').mkdir()
+    for k in range(3):
+        (tmp_path / 'few' / f'{k}.png').write_bytes(
+            (pictures / 'camera' / f'{k}.png').read_bytes()
+        )
+    refused(run('camera', 'few', '--board', CHESSBOARD), 'few', '6 is least')
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['few']
+
+
+@pytest.mark.parametrize('board', ['chessboard:9x7:13', 'chess', 'charuco:8x6:15mm'])
+def test_board_that_is_not_understood_is_refused(run, pictures, board):
+    refused(run('camera', pictures / 'camera', '--board', board), 'board')
+
+
+def test_folder_to_write_to_must_exist(run, pictures):
+    outcome = run('camera', pictures / 'camera', '--board', CHESSBOARD, '-o', 'no/camera.yaml')
+    refused(outcome, 'no/camera.yaml')
+
+
+def test_stripe_pictures_need_a_laser(run, pictures, calibrated):
+    draft = load_draft(calibrated / 'cell.yaml')
+    save_draft(calibrated / 'bare.yaml', type(draft)(turntable=draft.turntable))
+    words = ('--camera', 'camera.yaml', '--cell', 'bare.yaml', '--board', CHARUCO)
+    table = pictures / 'table'
+    refused(run('turntable', table, *words, '--stripe-pictures', table), 'bare.yaml', 'lasers')
+
+
+def test_angles_need_a_turntable(run, pictures, calibrated):
+    draft = load_draft(calibrated / 'cell.yaml')
+    save_draft(calibrated / 'bare.yaml', type(draft)(lasers=draft.lasers))
+    words = ('--camera', 'camera.yaml', '--cell', 'bare.yaml', '--board', CHARUCO)
+    refused(run('angles', pictures / 'table', *words), 'bare.yaml', 'turntable')
+
+
+def test_nominal_cell_is_written_once(run, calibrated):
+    words = ('nominal', '--camera', 'camera.yaml', '-o', 'first.yaml', '--distance', '400mm')
+    axial = (*words, '--elevation', 20, '--aim', '45mm', '--laser', 'left:36')
+    assert run(*axial)[0] == 0
+    found = load_draft(calibrated / 'first.yaml')
+    true = small_cell().turntable.camera_from_base
+    np.testing.assert_allclose(found.turntable.camera_from_base, true, atol=1e-9)
+    refused(run(*axial), 'first.yaml', 'exists')
+
+
+def test_nominal_paper_cell_is_written(run, calibrated):
+    words = ('nominal', '--camera', 'camera.yaml', '-o', 'paper.yaml', '--distance', '400mm')
+    assert run(*words, '--above', '200mm', '--tilt', 25, '--laser-height', '30mm')[0] == 0
+    assert load_draft(calibrated / 'paper.yaml').lasers[0].stripe == 'columns'
+
+
+def test_nominal_laser_that_is_not_understood_is_refused(run, calibrated):
+    words = ('nominal', '--camera', 'camera.yaml', '-o', 'x.yaml', '--distance', '400mm')
+    refused(run(*words, '--elevation', 20, '--laser', 'left'), 'left')

@@ -1,0 +1,148 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+import math
+import time
+
+import cv2
+import numpy as np
+import pytest
+
+from ivfmc_ros.devices.cameras.capture import Capture
+from ivfmc_ros.devices.cameras.device import Exposure
+from ivfmc_ros.devices.cameras.device import Picture
+from ivfmc_ros.devices.cameras.folder import FolderCamera
+from ivfmc_ros.devices.cameras.opencv import OpencvCamera
+from ivfmc_ros.devices.motion.pacer import Pacer
+from ivfmc_ros.errors import CameraLostError
+from ivfmc_ros.errors import ParameterError
+
+
+class FragileCamera:
+    """Gives three pictures, then is unplugged."""
+
+    def __init__(self):
+        self.opened = self.closed = self.given = 0
+
+    def open(self):
+        self.opened += 1
+        self.given = 0
+
+    def grab(self, seconds):
+        if self.given == 3:
+            raise CameraLostError('unplugged')
+        self.given += 1
+        return Picture(image=np.zeros((2, 2), np.uint8), stamp_ns=self.given)
+
+    def set_exposure(self, exposure):
+        pass
+
+    def close(self):
+        self.closed += 1
+
+
+def test_lost_camera_is_closed_said_and_opened_again():
+    camera, pictures = FragileCamera(), []
+    capture = Capture(camera, Exposure(), pictures.append)
+    capture.start()
+    deadline = time.monotonic() + 5.0
+    while camera.opened < 2 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    capture.stop()
+    capture.stop()
+    assert camera.opened == 2
+    assert camera.closed == 2
+    assert capture.pictures >= 3
+
+
+def test_picture_that_cannot_be_delivered_is_said_and_others_come():
+    camera, pictures = FragileCamera(), []
+
+    def deliver(picture):
+        if not pictures:
+            pictures.append(picture)
+            raise ValueError('no such encoding')
+        pictures.append(picture)
+
+    capture = Capture(camera, Exposure(), deliver)
+    capture.start()
+    deadline = time.monotonic() + 5.0
+    while 'ValueError: no such encoding' not in capture.trouble and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert time.monotonic() < deadline
+    while len(pictures) < 3 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    capture.stop()
+    assert len(pictures) >= 3
+
+
+def test_pacer_keeps_the_rate_and_leaves_out_what_is_over():
+    now = [100.0]
+    pacer = Pacer(clock=lambda: now[0], sleep=lambda seconds: now.__setitem__(0, now[0] + seconds))
+    moments = [pacer.next(0.1, 1.0) for _ in range(3)]
+    assert moments == pytest.approx([100.0, 100.1, 100.2])
+    now[0] += 0.55
+    assert pacer.next(0.1, 1.0) == pytest.approx(100.75)
+    assert pacer.next(0.1, 1.0) == pytest.approx(100.85)
+    assert pacer.next(10.0, 0.0001) is None
+
+
+def test_folder_ends_unless_it_repeats(tmp_path):
+    cv2.imwrite(str(tmp_path / '1.png'), np.zeros((4, 4), np.uint8))
+    camera = FolderCamera(tmp_path, Exposure(frame_rate=1000.0, seconds=1e-4), repeat=False)
+    camera.open()
+    assert camera.grab(0.5) is not None
+    assert camera.grab(0.01) is None
+    camera.close()
+
+
+def test_folder_without_pictures_is_refused(tmp_path):
+    with pytest.raises(CameraLostError, match='no picture'):
+        FolderCamera(tmp_path, Exposure()).open()
+
+
+def test_damaged_picture_is_a_lost_camera(tmp_path):
+    (tmp_path / '1.png').write_bytes(b'\x89PNG\r\n\x1a\nnothing')
+    camera = FolderCamera(tmp_path, Exposure())
+    camera.open()
+    with pytest.raises(CameraLostError):
+        camera.grab(1.0)
+
+
+def test_video_ends_as_a_lost_camera(tmp_path):
+    path = tmp_path / 'video.avi'
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*'MJPG'), 10.0, (64, 48))
+    if not writer.isOpened():
+        pytest.skip('this OpenCV writes no video')
+    for _ in range(3):
+        writer.write(np.full((48, 64, 3), 100, np.uint8))
+    writer.release()
+    camera = OpencvCamera(str(path), Exposure(seconds=0.001), latency=0.01)
+    camera.open()
+    picture = camera.grab(0.1)
+    assert picture is not None
+    assert picture.image.shape == (48, 64)
+    assert time.time_ns() - picture.stamp_ns >= 11_000_000
+    with pytest.raises(CameraLostError, match='no pictures'):
+        for _ in range(20):
+            camera.grab(0.001)
+    camera.close()
+
+
+def test_opencv_camera_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(CameraLostError, match='cannot be opened'):
+        OpencvCamera(str(tmp_path / 'none.avi'), Exposure()).open()
+
+
+@pytest.mark.parametrize(
+    'wrong',
+    [
+        {'frame_rate': 0.0},
+        {'frame_rate': math.nan},
+        {'seconds': 0.0},
+        {'seconds': 0.1, 'frame_rate': 20.0},
+        {'gain': 0.0},
+    ],
+)
+def test_exposure_that_cannot_be_is_refused(wrong):
+    with pytest.raises(ParameterError):
+        Exposure(**wrong)

@@ -1,0 +1,231 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A node of the base and one with a lifecycle, as processes and by a plain client."""
+
+import json
+import signal
+import time
+
+from lifecycle_msgs.srv import ChangeState
+from lifecycle_msgs.srv import GetState
+import pytest
+from rcl_interfaces.srv import DescribeParameters
+from rcl_interfaces.srv import ListParameters
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+from support.graph_rig import NodeProcess
+from support.graph_rig import running
+
+from ivfmc_ros.nodes.framework.health import Health
+from ivfmc_ros.nodes.framework.health import Level
+
+PLAIN = """
+import sys
+from ivfmc_ros.errors import FileError
+from ivfmc_ros.nodes.framework.base import CellNode
+from ivfmc_ros.nodes.framework.base import run
+from std_msgs.msg import Header
+import time
+
+class Plain(CellNode):
+    def __init__(self):
+        super().__init__('plain')
+        self.parameter('speed', 1.0, 'Of something.', low=0.0, high=2.0)
+        self.subscribe(Header, 'poke', self.poke)
+        self.trigger('refuse', self.refuse)
+        self.trigger('break', lambda: 1 / 0)
+        self.trigger('wait', self.wait)
+        self.trigger('top', lambda: {'here': True}, private=False)
+
+    def poke(self, message):
+        if message.frame_id == 'hard':
+            raise ValueError('poked hard')
+
+    def refuse(self):
+        raise FileError('mesh.stl: exists already')
+
+    async def wait(self):
+        return {'slept': await self.in_thread(lambda: time.sleep(1.0) or 1.0)}
+
+sys.exit(run(Plain))
+"""
+
+LIVING = """
+import sys
+from pathlib import Path
+from ivfmc_ros.errors import DeviceError
+from ivfmc_ros.nodes.framework.base import run
+from ivfmc_ros.nodes.framework.lifecycle import LifecycleCellNode
+
+class Living(LifecycleCellNode):
+    def __init__(self):
+        super().__init__('living')
+        self.parameter('device', '', 'A file that has to be there.')
+
+    def on_configure(self, state):
+        if not Path(self.get('device')).exists():
+            raise DeviceError('device: is not there')
+
+    def on_deactivate(self, state):
+        raise ValueError('stuck')
+
+sys.exit(run(Living))
+"""
+
+
+HANGING = """
+import ctypes
+import sys
+from ivfmc_ros.nodes.framework import base
+
+base._PATIENCE = 1.0
+
+class Hanging(base.CellNode):
+    def __init__(self):
+        super().__init__('plain')
+
+    def stop(self):
+        # keeps the interpreter's lock, so that no thread runs any more
+        ctypes.PyDLL(None).sleep(60)
+
+sys.exit(base.run(Hanging))
+"""
+
+
+def test_node_that_hangs_at_its_end_is_gone_all_the_same(client, script):
+    script(HANGING)
+    node = NodeProcess('plain')
+    client.until(lambda: client.diagnostic('plain'))
+    begin = time.monotonic()
+    assert node.end() == -signal.SIGALRM
+    assert time.monotonic() - begin < 10.0
+
+
+def test_answers_are_json_with_the_code_of_what_went_wrong(client, script):
+    script(PLAIN)
+    with running('plain'):
+        assert client.trigger('plain/refuse') == (
+            False,
+            {'code': 'BAD_FILE', 'detail': 'mesh.stl: exists already'},
+        )
+        good, answer = client.trigger('plain/break')
+        assert (good, answer['code']) == (False, 'INTERNAL')
+        assert 'ZeroDivisionError' in answer['detail']
+        assert client.trigger('top') == (True, {'code': 'OK', 'here': True})
+
+
+def test_a_callback_that_raises_is_a_diagnostic_until_it_works_again(client, script):
+    script(PLAIN)
+    with running('plain'):
+        poke = client.publisher(Header, 'poke')
+        client.until(poke.get_subscription_count)
+        poke.publish(Header(frame_id='hard'))
+        client.until(lambda: 'poked hard' in client.diagnostic('plain'))
+        poke.publish(Header(frame_id='soft'))
+        client.until(lambda: 'poked hard' not in client.diagnostic('plain'))
+
+
+def test_the_heart_beats_on_while_a_service_waits(client, script):
+    script(PLAIN)
+    beats = []
+    with running('plain'):
+        client.node.create_subscription(
+            Header, 'plain/heartbeat', lambda _: beats.append(time.monotonic()), 10
+        )
+        client.until(lambda: beats)
+        requests = client.node.create_client(Trigger, 'plain/wait')
+        client.until(requests.service_is_ready)
+        before = len(beats)
+        future = requests.call_async(Trigger.Request())
+        client.until(future.done)
+        assert json.loads(future.result().message) == {'code': 'OK', 'slept': 1.0}
+        # 10 a second are sent, 5 a second are promised
+        assert len(beats) - before >= 5
+
+
+def test_a_parameter_on_the_command_line_that_cannot_be_is_refused_by_name(script):
+    script(PLAIN)
+    node = NodeProcess('plain', speed=7.0)
+    node.process.wait(60)
+    assert node.end() == 2
+    assert 'parameter speed' in node.output
+
+
+def test_a_parameter_that_the_node_has_not_is_named_and_the_one_that_is_meant(client, script):
+    script(PLAIN)
+    node = NodeProcess('plain', sped=1.0, other__thing=2.0)
+    client.until(lambda: client.node.count_publishers('plain/heartbeat'), 20.0)
+    assert node.end() == 0
+    assert "parameter 'sped' is not one of plain; is 'speed' meant?" in node.output
+    assert "parameter 'other.thing' is not one of plain" in node.output
+
+
+def test_a_device_that_comes_late_is_taken_up(client, script, tmp_path):
+    script(LIVING)
+    device = tmp_path / 'device'
+    with running('living', device=str(device)):
+        client.until(lambda: 'device: is not there' in client.diagnostic('living'))
+        device.touch()
+        client.until(lambda: state(client) == 'active')
+        client.until(lambda: 'device: is not there' not in client.diagnostic('living'))
+
+
+def test_no_transition_can_end_a_node(client, script, tmp_path):
+    script(LIVING)
+    device = tmp_path / 'device'
+    device.touch()
+    with running('living', device=str(device)):
+        client.until(lambda: state(client) == 'active')
+        assert not change(client, 'configure')
+        assert not change(client, 'fly')
+        assert state(client) == 'active'
+        # what it raises is reported, and the node can be brought up again
+        assert not change(client, 'deactivate')
+        client.until(lambda: 'ValueError: stuck' in client.diagnostic('living'))
+        assert state(client) == 'unconfigured'
+        assert change(client, 'configure')
+        assert change(client, 'activate')
+
+
+def state(client):
+    return client.call(GetState, 'living/get_state', GetState.Request()).current_state.label
+
+
+def change(client, label):
+    ids = {'configure': 1, 'activate': 3, 'deactivate': 4, 'fly': 99}
+    request = ChangeState.Request()
+    request.transition.id = ids[label]
+    return client.call(ChangeState, 'living/change_state', request).success
+
+
+@pytest.mark.parametrize('name', ['triangulator', 'registrar', 'mesher'])
+def test_every_parameter_is_described_and_every_number_has_a_range_or_a_rule(client, name):
+    with running(name):
+        listed = client.call(ListParameters, f'{name}/list_parameters', ListParameters.Request())
+        request = DescribeParameters.Request(names=listed.result.names)
+        answer = client.call(DescribeParameters, f'{name}/describe_parameters', request)
+    ours = [
+        d
+        for d in answer.descriptors
+        if d.name not in ('use_sim_time', 'start_type_description_service')
+    ]
+    assert ours
+    assert [d.name for d in ours if not d.description] == []
+    numbers = [d for d in ours if d.type in (2, 3)]
+    ranged = [
+        d.floating_point_range or d.integer_range or d.additional_constraints for d in numbers
+    ]
+    assert all(ranged)
+
+
+def test_conditions_are_told_once_and_when_they_are_over():
+    told = []
+    health = Health(lambda *what: told.append(what))
+    health.set('joints', Level.WARN, 'none')
+    health.set('joints', Level.WARN, 'none')
+    health.set('board', Level.ERROR, 'lost')
+    assert health.worst() == (Level.ERROR, 'lost')
+    health.clear('board')
+    health.clear('board')
+    assert health.worst() == (Level.WARN, 'none')
+    assert [name for name, _, _ in told] == ['joints', 'board', 'board']

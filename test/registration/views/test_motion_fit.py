@@ -1,0 +1,112 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+import numpy as np
+import pytest
+from support.sweep import reports
+from support.sweep import SECOND
+from support.sweep import START
+from support.sweep import Turn
+from support.synthetic import make_profile
+
+from ivfmc_ros.registration.views.motion_fit import refit
+from ivfmc_ros.storage.frame_matching import Matcher
+from ivfmc_ros.storage.frame_matching import MatchSettings
+
+
+def profiles_of(turn, *, rate=10.0, shots=None, seed=0, view=0):
+    """Profiles with the angles that reports give; the point is at x = 50 mm in the base."""
+    shots = np.arange(0.0, 19.0, 1 / 30) if shots is None else shots
+    matcher = Matcher(['left'], MatchSettings(always_on=True))
+    for stamp, position in reports(turn, rate, 21.0, seed):
+        matcher.table(stamp, position)
+    for shot in shots:
+        matcher.picture(START + round(shot * SECOND), shot)
+    found = []
+    for seq, match in enumerate(matcher.ready()):
+        c, s = np.cos(match.angle), np.sin(match.angle)
+        profile = make_profile(
+            [[0.05 * c, -0.05 * s, 0.01]], angle=match.angle, seq=seq, view=view
+        )
+        changes = {'stamp_ns': match.stamp_ns, 'speed': match.speed}
+        found.append(type(profile)(**{**vars(profile), **changes}))
+    return found
+
+
+def errors(turn, profiles):
+    """Radians off the truth, without the constant that turns the whole part."""
+    seconds = np.array([(profile.stamp_ns - START) / SECOND for profile in profiles])
+    off = np.array([profile.angle for profile in profiles]) - turn.at(seconds)
+    return off - off.mean(), seconds
+
+
+@pytest.mark.parametrize('rate', [5.0, 10.0, 100.0])
+@pytest.mark.parametrize('seed', [0, 1, 2])
+def test_the_fit_is_four_times_nearer_than_the_reports(rate, seed):
+    turn = Turn()
+    measured = profiles_of(turn, rate=rate, seed=seed)
+    found, (motion,) = refit(measured)
+    off, seconds = errors(turn, found)
+    used = {profile.seq for profile in found}
+    raw, _ = errors(turn, [profile for profile in measured if profile.seq in used])
+    assert np.sqrt(np.mean(off**2)) < np.radians(0.025)
+    assert np.sqrt(np.mean(off**2)) < 0.25 * np.sqrt(np.mean(raw**2))
+    assert motion.speed == pytest.approx(turn.speed, rel=1e-3)
+    assert 0.002 < motion.jitter < 0.006
+    # nothing of the ramps, and not much less than all between them
+    begin, end = turn.steady
+    assert begin <= seconds[0] < begin + 0.4
+    assert end - 0.4 < seconds[-1] <= end
+    assert motion.dropped == len(measured) - len(found)
+
+
+def test_points_turn_with_their_angle():
+    found, _ = refit(profiles_of(Turn()))
+    for profile in found:
+        c, s = np.cos(profile.angle), np.sin(profile.angle)
+        np.testing.assert_allclose(profile.points_xyz, [[0.05 * c, -0.05 * s, 0.01]], atol=1e-12)
+
+
+def test_a_sweep_without_ramps_loses_nothing():
+    shots = np.arange(3.0, 15.0, 1 / 30)
+    found, (motion,) = refit(profiles_of(Turn(), shots=shots))
+    assert (len(found), motion.dropped) == (len(shots), 0)
+
+
+def test_two_sweeps_of_one_number_are_fitted_each_by_itself():
+    first = profiles_of(Turn(cruise=5.0), shots=np.arange(2.0, 5.0, 1 / 30))
+    second = profiles_of(Turn(cruise=5.0), shots=np.arange(2.0, 5.0, 1 / 30), seed=1)
+    later = [
+        type(p)(**{**vars(p), 'stamp_ns': p.stamp_ns + 60 * SECOND, 'seq': p.seq + len(first)})
+        for p in second
+    ]
+    found, (motion,) = refit([*first, *later])
+    assert motion.used == len(first) + len(later)
+    alone = refit(first)[0] + refit(later)[0]
+    np.testing.assert_allclose([p.angle for p in found], [p.angle for p in alone], atol=1e-12)
+
+
+def test_a_stepped_scan_is_left_as_it_is():
+    profiles = [
+        make_profile([[0.05, 0.0, 0.01]], angle=0.1 * step, seq=step) for step in range(60)
+    ]
+    found, (motion,) = refit(profiles)
+    assert found == profiles
+    assert motion.speed == 0.0
+
+
+def test_a_table_without_a_constant_speed_is_believed_and_said_to_be():
+    def swing(seconds):
+        return 0.5 * np.sin(3.0 * seconds) + 1.2 * seconds
+
+    profiles = []
+    for seq, shot in enumerate(np.arange(0.0, 6.0, 1 / 30)):
+        profile = make_profile([[0.05, 0.0, 0.01]], angle=float(swing(shot)), seq=seq)
+        changes = {'stamp_ns': round(shot * SECOND), 'speed': 1.0}
+        profiles.append(type(profile)(**{**vars(profile), **changes}))
+    found, (motion,) = refit(profiles)
+    assert found == profiles
+    assert 'not at a constant speed' in motion.why
+
+
+def test_no_profiles_have_no_motion():
+    assert refit([]) == ([], [])

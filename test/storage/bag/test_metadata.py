@@ -1,0 +1,51 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+import pytest
+import yaml
+
+from ivfmc_ros.errors import BagError
+from ivfmc_ros.storage.bag.metadata import bag_files
+
+
+def _write(folder, **changes):
+    info = {
+        'version': 9,
+        'storage_identifier': 'mcap',
+        'relative_file_paths': ['b_0.mcap', 'b_1.mcap'],
+        'compression_mode': '',
+        **changes,
+    }
+    (folder / 'metadata.yaml').write_text(yaml.safe_dump({'rosbag2_bagfile_information': info}))
+    return folder
+
+
+def test_files_of_a_split_bag_come_in_order(tmp_path):
+    assert bag_files(_write(tmp_path)) == [tmp_path / 'b_0.mcap', tmp_path / 'b_1.mcap']
+
+
+def test_sqlite_bag_is_refused_by_name(tmp_path):
+    with pytest.raises(BagError, match="stored as 'sqlite3', only mcap can be read; convert"):
+        bag_files(_write(tmp_path, storage_identifier='sqlite3'))
+
+
+def test_bag_that_rosbag2_compressed_is_refused(tmp_path):
+    with pytest.raises(BagError, match='rosbag2 compressed the bag by message; convert'):
+        bag_files(_write(tmp_path, compression_mode='message', compression_format='zstd'))
+
+
+def test_bag_without_files_is_refused(tmp_path):
+    with pytest.raises(BagError, match='relative_file_paths: must be a list'):
+        bag_files(_write(tmp_path, relative_file_paths=[]))
+
+
+@pytest.mark.parametrize(('text', 'problem'), [('{', 'is not YAML'), ('a: 1', 'is missing')])
+def test_metadata_that_is_none_is_named(tmp_path, text, problem):
+    (tmp_path / 'metadata.yaml').write_text(text)
+    with pytest.raises(BagError, match=rf'metadata\.yaml: .*{problem}'):
+        bag_files(tmp_path)
+
+
+def test_folder_that_is_no_bag_is_named(tmp_path):
+    with pytest.raises(BagError, match=r'has no metadata\.yaml and is no bag') as caught:
+        bag_files(tmp_path)
+    assert str(tmp_path) in str(caught.value)

@@ -1,0 +1,67 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A whole cell as separate processes, started by ``ivfmc up``, and what is left of it."""
+
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+from support.graph_rig import node_environment
+
+
+class Cell:
+    """``ivfmc up`` with what it started."""
+
+    def __init__(self, folder, *arguments):
+        self.folder = folder
+        self.scans = folder / 'scans'
+        self.up = subprocess.Popen(
+            [sys.executable, '-m', 'ivfmc_ros.cli.main', 'up', '--folder', folder, *arguments],
+            env=node_environment(),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.known = set()
+
+    def processes(self):
+        """Ids of all that belongs to the cell, also of what has lost its parent."""
+        mark = str(self.folder).encode()
+        found = set()
+        for place in Path('/proc').glob('[0-9]*'):
+            try:
+                words = (place / 'cmdline').read_bytes()
+                environment = (place / 'environ').read_bytes()
+                state = (place / 'stat').read_text().rpartition(')')[2].split()[0]
+            except OSError:
+                continue
+            if state != 'Z' and (mark in words or b'ROS_LOG_DIR=' + mark in environment):
+                found.add(int(place.name))
+        return found
+
+    def end(self, number=signal.SIGINT, seconds=30.0):
+        self.up.send_signal(number)
+        return self.up.wait(seconds)
+
+    def log(self):
+        path = self.folder / 'up.log'
+        return path.read_text() if path.exists() else ''
+
+    def id_of(self, node):
+        for pid in self.processes():
+            words = Path(f'/proc/{pid}/cmdline').read_bytes().decode().split('\0')
+            if f'ivfmc_ros.nodes.{node}' in words:
+                return pid
+        raise AssertionError(f'{node} does not run: {self.log()}')
+
+
+def gone(cell, seconds=10.0):
+    """Tell whether nothing of the cell is left."""
+    deadline = time.monotonic() + seconds
+    while cell.processes():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.05)
+    return True

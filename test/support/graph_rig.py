@@ -1,0 +1,184 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes as separate processes, and a plain rclpy client to talk to them."""
+
+from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.srv import SetParametersAtomically
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
+
+from ivfmc_ros.nodes.framework import environment
+from ivfmc_ros.nodes.framework import qos
+
+DOMAIN = 1 + os.getpid() % 100
+ROOT = Path(__file__).resolve().parents[2]
+NAMESPACE = '/ivfmc'
+# Only a test that fails waits so long; a node on a busy machine takes its time to start.
+PATIENCE_S = 60.0
+
+
+def node_environment() -> dict[str, str]:
+    """The environment of every process of a test: nobody else hears what it says."""
+    alone = {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    found = environment.child_environment(**alone)
+    return {**found, 'PYTHONPATH': os.pathsep.join([str(ROOT), found.get('PYTHONPATH', '')])}
+
+
+class NodeProcess:
+    """A node in a process of its own."""
+
+    def __init__(self, name: str, **parameters: Any) -> None:
+        arguments = [*self.command(name), '--ros-args']
+        for key, value in parameters.items():
+            text = value if isinstance(value, str) else json.dumps(value)
+            arguments += ['-p', f'{key.replace("__", ".")}:={text}']
+        self.process = subprocess.Popen(
+            arguments,
+            env=node_environment(),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        self.output = ''
+
+    def command(self, name: str) -> list[str]:
+        return [sys.executable, '-m', f'ivfmc_ros.nodes.{name}']
+
+    @property
+    def alive(self) -> bool:
+        return self.process.poll() is None
+
+    def end(self, number: int = signal.SIGINT) -> int:
+        """Ask the node to end, and return its exit code."""
+        if self.alive:
+            self.process.send_signal(number)
+        try:
+            self.output += self.process.communicate(timeout=30)[0] or ''
+        except subprocess.TimeoutExpired:
+            os.killpg(self.process.pid, signal.SIGKILL)
+            self.output += self.process.communicate()[0] or ''
+        return self.process.returncode
+
+
+@contextmanager
+def running(name: str, **parameters: Any) -> Iterator[NodeProcess]:
+    """A node that has to be alive at the end, and to end in order."""
+    node = NodeProcess(name, **parameters)
+    try:
+        yield node
+        assert node.alive, node.end()
+    finally:
+        code = node.end()
+        sys.stdout.write(node.output)
+    assert code == 0, node.output
+
+
+class Client:
+    """What a cell controller has: stock messages and services."""
+
+    def __init__(self) -> None:
+        os.environ.update(node_environment())
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=DOMAIN)
+        self.node = rclpy.create_node('client', namespace=NAMESPACE, context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self._diagnostics: dict[str, Any] = {}
+        self.status: list[Any] = []
+        self.node.create_subscription(
+            DiagnosticArray, '/diagnostics', self._diagnose, qos.reliable(50)
+        )
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+    def until(
+        self, condition: Callable[[], object], seconds: float = PATIENCE_S, what: str = ''
+    ) -> None:
+        """Spin until something is the case."""
+        deadline = time.monotonic() + seconds
+        while not condition():
+            said = {
+                name: self.diagnostic(name) for name in ('triangulator', 'registrar', 'mesher')
+            }
+            assert time.monotonic() < deadline, f'{what or "nothing"} within {seconds} s: {said}'
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def spin(self, seconds: float) -> None:
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def publisher(self, kind: type, topic: str, profile: Any = None) -> Any:
+        return self.node.create_publisher(kind, topic, profile or qos.of_topic(topic))
+
+    def collect(self, kind: type, topic: str, depth: int = 1000) -> list[Any]:
+        """A list that fills with the messages of a topic."""
+        found: list[Any] = []
+        profile = qos.of_topic(topic)
+        profile.depth = depth
+        self.node.create_subscription(kind, topic, found.append, profile)
+        return found
+
+    def call(self, kind: type, name: str, request: Any, seconds: float = PATIENCE_S) -> Any:
+        client = self.node.create_client(kind, name)
+        self.until(client.service_is_ready, what=f'no service {name}')
+        future = client.call_async(request)
+        self.until(future.done, seconds, f'{name} does not answer')
+        self.node.destroy_client(client)
+        return future.result()
+
+    def trigger(self, name: str, seconds: float = PATIENCE_S) -> tuple[bool, dict[str, Any]]:
+        answer = self.call(Trigger, name, Trigger.Request(), seconds)
+        return answer.success, json.loads(answer.message)
+
+    def set(self, node: str, **values: Any) -> Any:
+        """Set parameters together; a double underscore stands for a dot."""
+        parameters = [
+            Parameter(key.replace('__', '.'), value=value).to_parameter_msg()
+            for key, value in values.items()
+        ]
+        request = SetParametersAtomically.Request(parameters=parameters)
+        return self.call(
+            SetParametersAtomically, f'{node}/set_parameters_atomically', request
+        ).result
+
+    def diagnostic(self, node: str) -> str:
+        """All that a node says of itself."""
+        status = self._diagnostics.get(f'{NAMESPACE.strip("/")}/{node}')
+        if status is None:
+            return ''
+        values = ' | '.join(f'{value.key}: {value.value}' for value in status.values)
+        return f'{status.level[0]} {status.message} | {values}'
+
+    def _diagnose(self, message: DiagnosticArray) -> None:
+        self._diagnostics.update({status.name: status for status in message.status})
+
+
+@contextmanager
+def following_client() -> Iterator[Client]:
+    """A client that keeps what ``scan_status`` said."""
+    client = Client()
+    client.status = client.collect(DiagnosticStatus, 'scan_status')
+    try:
+        yield client
+    finally:
+        client.close()
