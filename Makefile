@@ -40,7 +40,7 @@ $(READY): setup.py
 	@$(check_python)
 	@$(install_libraries)
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[ros,test]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[ros,docs,test]'
 	@$(BIN)/python -c 'import cv2, open3d' || { \
 		echo 'make env: OpenCV or Open3D is installed but does not load (see above)' >&2; \
 		exit 1; }

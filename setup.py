@@ -34,6 +34,16 @@ class InstallScripts(install_scripts):
         self.outfiles.append(str(link))
 
 
+def executables() -> list[str]:
+    """
+    Scripts that start one node each.
+
+    They go to lib/ivfmc_ros, where ``ros2 run`` looks, and not onto the PATH, where names such as
+    ``camera`` and ``recorder`` would hide other people's programs.
+    """
+    return sorted(str(path) for path in Path('resource/executables').iterdir() if path.is_file())
+
+
 def shared_files() -> list[tuple[str, list[str]]]:
     """Every file below config/, at the same place below share/ivfmc_ros/."""
     files = sorted(path for path in Path('config').rglob('*') if path.is_file())
@@ -43,14 +53,40 @@ def shared_files() -> list[tuple[str, list[str]]]:
 setup(
     name=PACKAGE,
     version='0.1.0',
-    description='Camera, line laser and turntable as a measuring 3-D scanner',
+    description='Camera, line laser and turntable as a measuring 3-D scanner for ROS 2',
+    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
+    url='https://ivfmc.example/ivfmc_ros',
+    project_urls={
+        'Documentation': 'https://ivfmc.example/ivfmc_ros/docs',
+        'Source': 'https://ivfmc.example/ivfmc_ros/source',
+        'Issues': 'https://ivfmc.example/ivfmc_ros/issues',
+        'Changelog': 'https://ivfmc.example/ivfmc_ros/source/CHANGELOG.rst',
+    },
+    classifiers=[
+        'Development Status :: 4 - Beta',
+        'Environment :: Console',
+        'Intended Audience :: Manufacturing',
+        'Intended Audience :: Science/Research',
+        'Operating System :: POSIX :: Linux',
+        'Programming Language :: Python :: 3',
+        'Programming Language :: Python :: 3.11',
+        'Programming Language :: Python :: 3.12',
+        'Topic :: Scientific/Engineering :: Image Processing',
+        'Topic :: Scientific/Engineering :: Visualization',
+        'Typing :: Typed',
+    ],
+    keywords=['ROS', '3-D scanner', 'laser triangulation', 'turntable', 'inspection', 'metrology'],
     license='Apache-2.0',
+    license_files=['LICENSE'],
     maintainer='ivfmc_ros maintainers',
     maintainer_email='maintainers@ivfmc.example',
     packages=find_packages(exclude=['test', 'test.*']),
+    package_data={PACKAGE: ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
+        (f'lib/{PACKAGE}', executables()),
         *shared_files(),
     ],
     python_requires='>=3.11',
@@ -79,7 +115,16 @@ setup(
         ],
         # no wheels for ARM
         '3mf': ['lib3mf>=2.3'],
+        # what builds docs/
+        'docs': [
+            'furo',
+            'myst-parser>=2.0',
+            'sphinx>=7.2',
+            'sphinx-click>=5.0',
+            'sphinx-copybutton',
+        ],
         'test': [
+            'build>=1.0',
             'colcon-common-extensions>=0.3',
             'lib3mf>=2.3; platform_machine == "x86_64"',
             'lxml',
@@ -92,20 +137,14 @@ setup(
             'ruff==0.17.6',
             'setuptools>=70.1',
             'trimesh>=4.0',
+            'twine>=5.0',
             'types-PyYAML',
             'types-pyserial',
         ],
     },
     entry_points={
         'console_scripts': [
-            'camera = ivfmc_ros.nodes.camera:main',
             'ivfmc = ivfmc_ros.cli.main:main',
-            'orchestrator = ivfmc_ros.nodes.orchestrator:main',
-            'recorder = ivfmc_ros.nodes.recorder:main',
-            'triangulator = ivfmc_ros.nodes.triangulator:main',
-            'registrar = ivfmc_ros.nodes.registrar:main',
-            'mesher = ivfmc_ros.nodes.mesher:main',
-            'turntable = ivfmc_ros.nodes.turntable:main',
         ],
     },
     cmdclass={'install_scripts': InstallScripts},

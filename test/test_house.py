@@ -217,12 +217,20 @@ def test_manifest_names_what_pip_would_install():
     assert {name for name in names if name.removeprefix('py') not in keys} == set()
 
 
-def test_every_command_is_in_the_readme():
-    scripts = ast.literal_eval(setup_arguments()['entry_points'])['console_scripts']
-    readme = (ROOT / 'README.md').read_text(encoding='utf-8')
-    names = [script.split('=')[0].strip() for script in scripts]
+def test_every_node_has_its_executable():
+    names = {path.name for path in (ROOT / 'resource' / 'executables').iterdir()}
+    nodes = {path.stem for path in (ROOT / PACKAGE / 'nodes').glob('*.py')}
     assert names
-    assert [name for name in names if not re.search(rf'\b{name}\b', readme)] == []
+    assert names <= nodes
+    bare = [path for path in MODULES if 'nodes' in path.parts and has_main(path)]
+    assert {path.stem for path in bare} == names
+
+
+def has_main(path: Path) -> bool:
+    return any(
+        isinstance(node, ast.FunctionDef) and node.name == 'main'
+        for node in house.parse(path).body
+    )
 
 
 def test_settings_of_tools_do_not_describe_the_package():

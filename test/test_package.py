@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The package installs with pip and with colcon, and the command runs from both."""
 
+import configparser
 import importlib.util
 import os
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 from support.house import ROOT
 
 import ivfmc_ros
+from ivfmc_ros.cli.support.cell_run import NODES
 
 PARTS = ('config', 'ivfmc_ros', 'resource', 'test')
 FILES = ('LICENSE', 'README.md', 'package.xml', 'pyproject.toml', 'setup.cfg', 'setup.py')
@@ -106,6 +108,30 @@ def test_wheel_holds_every_module_and_no_test(wheel):
 
 
 @needs_wheels
+def test_wheel_is_typed_and_described(wheel):
+    files = zipfile.ZipFile(wheel)
+    assert 'ivfmc_ros/py.typed' in files.namelist()
+    run([sys.executable, '-m', 'twine', 'check', '--strict', str(wheel)])
+
+
+@needs_wheels
+def test_wheel_puts_only_ivfmc_on_the_path(wheel):
+    files = zipfile.ZipFile(wheel)
+    info = f'ivfmc_ros-{ivfmc_ros.__version__}'
+    entries = configparser.ConfigParser()
+    entries.read_string(files.read(f'{info}.dist-info/entry_points.txt').decode())
+    assert list(entries['console_scripts']) == ['ivfmc']
+    assert not [name for name in files.namelist() if '.data/scripts/' in name]
+    scripts = {
+        Path(member.filename).name
+        for member in files.infolist()
+        if member.filename.startswith(f'{info}.data/data/lib/ivfmc_ros/')
+        and member.external_attr >> 16 & 0o111
+    }
+    assert scripts == set(NODES)
+
+
+@needs_wheels
 def test_wheel_installs_the_command_into_bin(wheel, tmp_path):
     # without --ignore-installed pip takes away what this environment has, prefix or not
     options = ['--no-deps', '--no-index', '--ignore-installed', '--prefix', str(tmp_path)]
@@ -121,6 +147,13 @@ def test_colcon_installs_the_command(workspace, place):
     script = workspace / 'install' / 'ivfmc_ros' / place / 'ivfmc'
     said = run(['bash', '-c', f'. install/setup.bash && {script} --version'], cwd=workspace)
     assert ANSWER.search(said)
+
+
+@needs_colcon
+def test_colcon_installs_the_nodes_where_ros2_run_looks(workspace):
+    folder = workspace / 'install' / 'ivfmc_ros' / 'lib' / 'ivfmc_ros'
+    assert {name for name in NODES if not os.access(folder / name, os.X_OK)} == set()
+    assert not [name for name in NODES if (folder.parents[1] / 'bin' / name).exists()]
 
 
 @needs_colcon
