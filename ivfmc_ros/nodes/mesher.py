@@ -18,14 +18,14 @@ from ivfmc_ros.errors import NotReadyError
 from ivfmc_ros.meshing.io.export import FORMATS
 from ivfmc_ros.meshing.io.export import require_formats
 from ivfmc_ros.model import View
-from ivfmc_ros.nodes import worker_jobs
 from ivfmc_ros.nodes.convert import clouds
 from ivfmc_ros.nodes.convert import meshes
 from ivfmc_ros.nodes.convert.stamps import nanoseconds
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.base import run
-from ivfmc_ros.nodes.framework.cell_source import CellSource
 from ivfmc_ros.nodes.framework.health import Level
+from ivfmc_ros.nodes.processing import worker_jobs
+from ivfmc_ros.nodes.processing.cell_source import CellSource
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.storage.messages.view_poses import to_poses
 from ivfmc_ros.worker import Worker

@@ -24,14 +24,14 @@ from ivfmc_ros.errors import TimeoutExceededError
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import Profile
 from ivfmc_ros.model import View
-from ivfmc_ros.nodes import worker_jobs
 from ivfmc_ros.nodes.convert import clouds
 from ivfmc_ros.nodes.convert import poses
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.base import run
-from ivfmc_ros.nodes.framework.cell_source import CellSource
 from ivfmc_ros.nodes.framework.futures import Waiting
 from ivfmc_ros.nodes.framework.health import Level
+from ivfmc_ros.nodes.processing import worker_jobs
+from ivfmc_ros.nodes.processing.cell_source import CellSource
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.registration.arrivals import Arrivals
 from ivfmc_ros.worker import Job

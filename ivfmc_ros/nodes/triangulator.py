@@ -28,11 +28,11 @@ from ivfmc_ros.nodes.convert.stamps import nanoseconds
 from ivfmc_ros.nodes.framework.adaptive_subscription import AdaptiveSubscription
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.base import run
-from ivfmc_ros.nodes.framework.cell_source import CellSource
 from ivfmc_ros.nodes.framework.health import Level
-from ivfmc_ros.nodes.stripe_image import StripePicture
-from ivfmc_ros.nodes.triangulator_parameters import declare
-from ivfmc_ros.nodes.triangulator_parameters import match_settings
+from ivfmc_ros.nodes.processing.cell_source import CellSource
+from ivfmc_ros.nodes.processing.stripe_image import StripePicture
+from ivfmc_ros.nodes.processing.triangulator_parameters import declare
+from ivfmc_ros.nodes.processing.triangulator_parameters import match_settings
 from ivfmc_ros.storage.frame_matching import Match
 from ivfmc_ros.storage.frame_matching import Matcher
 from ivfmc_ros.storage.reports import joint_of

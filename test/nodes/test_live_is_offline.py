@@ -11,8 +11,8 @@ from support.sweep import Turn
 
 from ivfmc_ros import pipeline
 from ivfmc_ros.model import Frame
-from ivfmc_ros.nodes import worker_jobs
 from ivfmc_ros.nodes.convert import clouds
+from ivfmc_ros.nodes.processing import worker_jobs
 from ivfmc_ros.storage.bag.writer import BagWriter
 from ivfmc_ros.storage.frame_matching import Matcher
 from ivfmc_ros.storage.scan_bag import read_scan

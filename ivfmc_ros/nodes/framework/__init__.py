@@ -1,3 +1,9 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""framework."""
+"""
+Base classes of the nodes and helpers that know nothing about scanning.
+
+``base`` (heartbeat, diagnostics, guarded callbacks, services), ``lifecycle``, ``parameters``,
+``health`` (conditions), ``qos``, ``adaptive_subscription``, ``futures`` (awaiting in callbacks),
+``json_response``, ``service_retry``, ``environment`` (of a node's process; no ROS).
+"""
