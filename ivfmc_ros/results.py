@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The folder that a reconstruction leaves: mesh, cloud, pictures and json_report."""
+"""The folder that a reconstruction leaves: mesh, point cloud, report images and report."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -37,7 +37,7 @@ def write_results(
     nominal: Surface | None = None,
 ) -> Mapping[str, Any]:
     """
-    Write a result folder, whole or not at all, and return its json_report.
+    Write a result folder, whole or not at all, and return its report.
 
     source : what was reconstructed, for the report
     skipped : how many pictures of it were not used, by reason
@@ -74,9 +74,9 @@ def write_results(
             document['merge'] = merging(made.merged)
         if nominal is not None:
             document['deviation_m'] = compare(points, made.mesh.vertices_xyz, nominal)
-        json_report.write_report(target / 'json_report.json', document)
+        json_report.write_report(target / 'report.json', document)
         page = scan_page(source, made.mesh, made.views, made.poses, made.samples, document)
-        write_html(target / 'json_report.html', page)
+        write_html(target / 'report.html', page)
     return document
 
 
