@@ -19,7 +19,6 @@ import numpy as np
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.errors import NoStripeError
-from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.meshing.build import build_mesh
 from ivfmc_ros.meshing.build import usual_edge
 from ivfmc_ros.meshing.io.export import UNITS
@@ -50,6 +49,8 @@ from ivfmc_ros.stopwatch import Stopwatch
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 from ivfmc_ros.stripe.space_time_stream import stream_of
+from ivfmc_ros.validation import require_in_range
+from ivfmc_ros.validation import require_one_of
 
 # So many pictures are kept to show what was found.
 _SHOWN_PICTURES = 12
@@ -77,18 +78,10 @@ class Settings:
     export_unit: str = 'mm'
 
     def __post_init__(self) -> None:
-        if self.registration not in METHODS:
-            known = ', '.join(METHODS)
-            raise ParameterError(f'registration: {self.registration!r} is not one of {known}')
+        require_one_of('registration', self.registration, METHODS)
         require_groups(self.refine)
-        if not 1 <= self.island_least <= 1_000_000:
-            raise ParameterError(
-                f'island_least: {self.island_least} is out of range; '
-                'it must be 1 to 1000000 points'
-            )
-        if self.export_unit not in UNITS:
-            known = ', '.join(UNITS)
-            raise ParameterError(f'export_unit: {self.export_unit!r} is not one of {known}')
+        require_in_range('island_least', self.island_least, 1, 1_000_000, 'points')
+        require_one_of('export_unit', self.export_unit, UNITS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

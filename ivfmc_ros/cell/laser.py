@@ -9,6 +9,7 @@ import numpy as np
 
 from ivfmc_ros.errors import CellError
 from ivfmc_ros.model import Floats
+from ivfmc_ros.validation import require_in_range
 
 # Below this the camera looks along the sheet and a stripe says nothing about depth.
 MIN_CAMERA_DISTANCE = 1e-3
@@ -63,11 +64,9 @@ class LaserPlane:
     thickness: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.thickness < MOST_THICKNESS:
-            raise CellError(
-                f'thickness: {self.thickness} m is out of range; '
-                f'it must be 0 to {MOST_THICKNESS} m'
-            )
+        require_in_range(
+            'thickness', self.thickness, 0.0, MOST_THICKNESS, 'm', open_high=True, error=CellError
+        )
         if not abs(float(np.linalg.norm(self.normal)) - 1.0) <= _UNIT:
             raise CellError('plane: the normal (first three numbers) must have length 1')
         if not np.isfinite(self.offset):

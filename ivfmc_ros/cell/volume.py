@@ -9,6 +9,7 @@ import numpy as np
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
+from ivfmc_ros.validation import require_in_range
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,8 +25,7 @@ class Volume:
     top: float = 0.100
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.radius <= 10.0:
-            raise ParameterError(f'radius: {self.radius} m is out of range; it must be 0 to 10 m')
+        require_in_range('radius', self.radius, 0.0, 10.0, 'm', open_low=True)
         if not -1.0 <= self.bottom < self.top <= 10.0:
             raise ParameterError(
                 f'bottom, top: {self.bottom} m to {self.top} m is no height range; '

@@ -11,6 +11,7 @@ import time
 
 from ivfmc_ros.errors import BusyError
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.validation import require_in_range
 
 Clock = Callable[[], float]
 
@@ -32,12 +33,9 @@ class BeamRules:
     permit_timeout: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0.1 <= self.hold_timeout <= 5.0:
-            raise ParameterError(f'hold_timeout: {self.hold_timeout} s is not in 0.1 to 5 s')
-        if not 0.0 <= self.limit <= 600.0:
-            raise ParameterError(f'limit: {self.limit} s is not in 0 to 600 s')
-        if not 0.0 <= self.permit_timeout <= 600.0:
-            raise ParameterError(f'permit_timeout: {self.permit_timeout} s is not in 0 to 600 s')
+        require_in_range('hold_timeout', self.hold_timeout, 0.1, 5.0, 's')
+        require_in_range('limit', self.limit, 0.0, 600.0, 's')
+        require_in_range('permit_timeout', self.permit_timeout, 0.0, 600.0, 's')
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.errors import GeometryError
-from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Floats
 from ivfmc_ros.surface import Surface
+from ivfmc_ros.validation import require_one_of
 
 METHODS = ('best_fit', 'global', 'none', 'datum')
 _COARSE_POINTS, _FINE_POINTS = 1500, 20_000
@@ -54,8 +54,7 @@ def align(points_xyz: Floats, nominal: Surface, vertices_xyz: Floats, method: st
     :raises ParameterError: unknown method
     :raises GeometryError: fewer than 6 points
     """
-    if method not in METHODS or method == 'datum':
-        raise ParameterError(f'align: {method!r} is not one of best_fit, global, none')
+    require_one_of('align', method, ('best_fit', 'global', 'none'))
     if len(points_xyz) < 6:
         raise GeometryError(f'align: {len(points_xyz)} points do not fix a pose; 6 are needed')
     points = _thinned(points_xyz, _FINE_POINTS)

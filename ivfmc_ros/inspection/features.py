@@ -14,8 +14,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ivfmc_ros.errors import GeometryError
-from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Floats
+from ivfmc_ros.validation import require_one_of
 
 KINDS = ('plane', 'cylinder', 'sphere', 'circle')
 _LEAST = {'plane': 3, 'cylinder': 6, 'sphere': 4, 'circle': 3}
@@ -51,8 +51,7 @@ def fit(kind: str, points_xyz: Floats) -> Feature:
     :raises ParameterError: unknown kind
     :raises GeometryError: the points are too few, or do not determine the shape
     """
-    if kind not in KINDS:
-        raise ParameterError(f'feature: {kind!r} is not one of {", ".join(KINDS)}')
+    require_one_of('feature', kind, KINDS)
     if len(points_xyz) < _LEAST[kind] or not np.isfinite(points_xyz).all():
         raise GeometryError(
             f'feature: a {kind} needs {_LEAST[kind]} finite points, there are {len(points_xyz)}'

@@ -9,11 +9,11 @@ import numpy as np
 
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import GeometryError
-from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.meshing import topology
 from ivfmc_ros.meshing.io.export import UNITS
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
+from ivfmc_ros.validation import require_one_of
 
 SUFFIXES = ('.stl', '.ply', '.obj', '.off', '.glb')
 # Sizes of one part agree within this factor, though a scan has no standing face.
@@ -49,8 +49,7 @@ def read_body(path: Path, unit: str) -> Body:
     """
     import open3d as o3d
 
-    if unit not in UNITS:
-        raise ParameterError(f'unit: {unit!r} is not one of {", ".join(UNITS)}')
+    require_one_of('unit', unit, UNITS)
     if path.suffix.lower() not in SUFFIXES:
         known = ', '.join(SUFFIXES)
         raise FileError(f'{path}: {path.suffix!r} is no mesh format known here; use {known}')

@@ -17,9 +17,9 @@ from scipy.spatial.transform import Rotation
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
-from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
+from ivfmc_ros.validation import require_in_range
 
 REFERENCE_TEMPERATURE = 20.0  # degrees Celsius, ISO 1
 # A surface that turns farther away than this (cosine) was not measured from there.
@@ -44,20 +44,10 @@ class Conditions:
     expansion_u: float = 1.0e-6
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.scale_u <= 0.1:
-            raise ParameterError(f'scale_u: {self.scale_u} is out of range; it must be 0 to 0.1')
-        if not -50.0 <= self.temperature <= 200.0:
-            raise ParameterError(
-                f'temperature: {self.temperature} C is out of range; it must be -50 to 200 C'
-            )
-        if not 0.0 <= self.temperature_u <= 50.0:
-            raise ParameterError(
-                f'temperature_u: {self.temperature_u} K is out of range; it must be 0 to 50 K'
-            )
-        if not 0.0 <= self.expansion <= 1e-3:
-            raise ParameterError(
-                f'expansion: {self.expansion} 1/K is out of range; it must be 0 to 0.001 1/K'
-            )
+        require_in_range('scale_u', self.scale_u, 0.0, 0.1)
+        require_in_range('temperature', self.temperature, -50.0, 200.0, 'C')
+        require_in_range('temperature_u', self.temperature_u, 0.0, 50.0, 'K')
+        require_in_range('expansion', self.expansion, 0.0, 1e-3, '1/K')
 
     @property
     def to_reference(self) -> float:

@@ -9,8 +9,8 @@ is only what is outside by more. In between, the measurement is not good enough 
 
 import numpy as np
 
-from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Floats
+from ivfmc_ros.validation import require_in_range
 
 PASS, FAIL, NOT_DECIDED = 'pass', 'fail', 'not decided'
 # Guard band for a probability of 95 % on one side, in standard uncertainties.
@@ -21,8 +21,7 @@ _STRAYS = 0.001
 
 def require_tolerance(tolerance: float) -> None:
     """:raises ParameterError: a tolerance is not positive."""
-    if not 0.0 < tolerance <= 1.0:
-        raise ParameterError(f'tolerance: {tolerance} m is out of range; it must be 0 to 1 m')
+    require_in_range('tolerance', tolerance, 0.0, 1.0, 'm', open_low=True)
 
 
 def judge(deviation: float, uncertainty: float, tolerance: float) -> str:

@@ -5,6 +5,8 @@
 from dataclasses import dataclass
 
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.validation import require_in_range
+from ivfmc_ros.validation import require_one_of
 
 METHODS = ('integrate', 'paper', 'poisson')
 CLOSINGS = ('none', 'base', 'all')
@@ -41,29 +43,15 @@ class MeshSettings:
     floor: float | None = 0.0
 
     def __post_init__(self) -> None:
-        _require_one_of('method', self.method, METHODS)
-        _require_one_of('close', self.close, CLOSINGS)
+        require_one_of('method', self.method, METHODS)
+        require_one_of('close', self.close, CLOSINGS)
         for name, value in (('max_edge', self.max_edge), ('voxel', self.voxel)):
-            if value is not None and not 0.0 < value <= 1.0:
-                raise ParameterError(f'{name}: {value} m is out of range; it must be 0 to 1 m')
-        if not 0 <= self.smoothing <= 200:
-            raise ParameterError(
-                f'smoothing: {self.smoothing} rounds is out of range; it must be 0 to 200'
-            )
-        if not 0.0 <= self.decimate <= 0.1:
-            raise ParameterError(
-                f'decimate: {self.decimate} m is out of range; it must be 0 to 0.1 m'
-            )
-        if not 0 <= self.island <= 10_000_000:
-            raise ParameterError(
-                f'island: {self.island} triangles is out of range; it must be 0 to 10000000'
-            )
-        if self.floor is not None and not -1.0 <= self.floor <= 1.0:
-            raise ParameterError(f'floor: {self.floor} m is out of range; it must be -1 to 1 m')
+            if value is not None:
+                require_in_range(name, value, 0.0, 1.0, 'm', open_low=True)
+        require_in_range('smoothing', self.smoothing, 0, 200, 'rounds')
+        require_in_range('decimate', self.decimate, 0.0, 0.1, 'm')
+        require_in_range('island', self.island, 0, 10_000_000, 'triangles')
+        if self.floor is not None:
+            require_in_range('floor', self.floor, -1.0, 1.0, 'm')
         if self.method == 'paper' and self.close != 'none':
             raise ParameterError('close: the paper invents no surface; use method integrate')
-
-
-def _require_one_of(name: str, value: str, known: tuple[str, ...]) -> None:
-    if value not in known:
-        raise ParameterError(f'{name}: {value!r} is not one of {", ".join(known)}')

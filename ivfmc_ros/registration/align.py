@@ -8,7 +8,6 @@ import numpy as np
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.errors import GeometryError
-from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
@@ -18,6 +17,7 @@ from ivfmc_ros.registration.solver.prior import TablePrior
 from ivfmc_ros.registration.solver.verdict import Verdict
 from ivfmc_ros.registration.table import joint_poses
 from ivfmc_ros.registration.views.assemble import grid_normals
+from ivfmc_ros.validation import require_one_of
 
 __all__ = ['METHODS', 'Verdict', 'align']
 
@@ -45,8 +45,7 @@ def align(
     :raises ParameterError: no such method
     :raises GeometryError: a view has points that no table carries
     """
-    if method not in METHODS:
-        raise ParameterError(f'registration: {method!r} is not one of {", ".join(METHODS)}')
+    require_one_of('registration', method, METHODS)
     if method == 'joint':
         return joint_poses(views, prior or TablePrior(), reach)
     poses = [np.eye(4) for _ in views]

@@ -10,8 +10,8 @@ import open3d as o3d
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.errors import GeometryError
-from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Floats
+from ivfmc_ros.validation import require_one_of
 
 Method = Literal['paper', 'point_to_plane']
 
@@ -66,8 +66,7 @@ def icp(
     :raises GeometryError: too few points, or too few of them within reach of each other
     :raises ParameterError: no such method
     """
-    if method not in ('paper', 'point_to_plane'):
-        raise ParameterError(f"method: {method!r} is neither 'paper' nor 'point_to_plane'")
+    require_one_of('method', method, ('paper', 'point_to_plane'))
     for name, points in (('source', source_xyz), ('target', target_xyz)):
         if len(points) < _MIN_POINTS:
             raise GeometryError(f'ICP: the {name} has {len(points)} points, {_MIN_POINTS} needed')

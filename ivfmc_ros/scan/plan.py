@@ -15,6 +15,7 @@ import math
 
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.scan.request import ScanRequest
+from ivfmc_ros.validation import require_in_range
 
 NOT_MEASURED = -1
 
@@ -22,7 +23,7 @@ _TURN = 2.0 * math.pi
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motion:
+class MotionLimits:
     """
     What the table can do and how long a sweep needs to be smooth.
 
@@ -40,8 +41,7 @@ class Motion:
 
     def __post_init__(self) -> None:
         for key, value in vars(self).items():
-            if not (value > 0.0 and math.isfinite(value)):
-                raise ParameterError(f'{key}: {value} is not a positive number')
+            require_in_range(key, value, 0.0, math.inf, open_low=True, open_high=True)
 
     def seconds(self, distance: float, velocity: float) -> float:
         """Return how long a move of so many radians takes, with its ramps."""
@@ -79,7 +79,7 @@ class Sweep:
         """Return the velocity, rad/s, at which so many profiles a second are not too few."""
         return min(self.velocity, self.span / self.profiles * rate)
 
-    def lead(self, motion: Motion) -> float:
+    def lead(self, motion: MotionLimits) -> float:
         """Return how far before the first profile the table starts to move, radians."""
         ramp = 0.5 * self.velocity**2 / motion.acceleration
         return ramp + self.velocity * motion.lead_time
@@ -103,7 +103,7 @@ class Plan:
 
 
 def make_plan(
-    request: ScanRequest, lasers: Sequence[str], motion: Motion, position: float = 0.0
+    request: ScanRequest, lasers: Sequence[str], motion: MotionLimits, position: float = 0.0
 ) -> Plan:
     """
     Plan the sweeps of a scan.
@@ -150,7 +150,7 @@ def _numbers(
     return tuple(first + chosen.index(name) if name in group else NOT_MEASURED for name in lasers)
 
 
-def _velocity(request: ScanRequest, span: float, motion: Motion) -> float:
+def _velocity(request: ScanRequest, span: float, motion: MotionLimits) -> float:
     if request.motion == 'step':
         return 0.0
     velocity = span / request.profiles * motion.profile_rate
@@ -163,7 +163,7 @@ def _velocity(request: ScanRequest, span: float, motion: Motion) -> float:
     return velocity
 
 
-def _ahead(sweep: Sweep, motion: Motion, position: float) -> Sweep:
+def _ahead(sweep: Sweep, motion: MotionLimits, position: float) -> Sweep:
     """Return the sweep with its start whole turns ahead, so that the table need not go back."""
     # a table that has arrived is not exactly where it was sent
     arrived = 1e-3

@@ -12,6 +12,8 @@ from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.meshing.io.export import FORMATS
 from ivfmc_ros.meshing.io.export import require_formats
 from ivfmc_ros.meshing.io.export import UNITS
+from ivfmc_ros.validation import require_in_range
+from ivfmc_ros.validation import require_one_of
 
 MOTIONS = ('continuous', 'step')
 
@@ -54,11 +56,11 @@ class ScanRequest:
         require_name('part', self.part)
         if self.recipe:
             require_name('recipe', self.recipe)
-        _require_range('views', self.views, 1, MAX_VIEWS)
-        _require_range('profiles', self.profiles, 3, MAX_PROFILES)
-        _require_range('overlap', self.overlap, 0.0, math.pi)
-        _require_one('motion', self.motion, MOTIONS)
-        _require_one('export_unit', self.export_unit, tuple(UNITS))
+        require_in_range('views', self.views, 1, MAX_VIEWS)
+        require_in_range('profiles', self.profiles, 3, MAX_PROFILES)
+        require_in_range('overlap', self.overlap, 0.0, math.pi, 'rad')
+        require_one_of('motion', self.motion, MOTIONS)
+        require_one_of('export_unit', self.export_unit, UNITS)
         require_formats(self.formats)
         if not self.formats:
             raise ParameterError(f'formats: is empty; known are {", ".join(FORMATS)}')
@@ -85,14 +87,3 @@ def require_name(key: str, name: str) -> str:
             '(the first a letter or digit)'
         )
     return name
-
-
-def _require_range(key: str, value: float, low: float, high: float) -> None:
-    # this way round NaN is refused, too
-    if not low <= value <= high:
-        raise ParameterError(f'{key}: {value} is out of range; it must be {low} to {high:g}')
-
-
-def _require_one(key: str, value: str, known: tuple[str, ...]) -> None:
-    if value not in known:
-        raise ParameterError(f'{key}: {value!r} is not one of {", ".join(known)}')

@@ -17,7 +17,6 @@ from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.volume import Volume
 from ivfmc_ros.errors import CellError
 from ivfmc_ros.errors import GeometryError
-from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Frame
 from ivfmc_ros.model import Image
 from ivfmc_ros.model import Profile
@@ -34,6 +33,7 @@ from ivfmc_ros.stripe.region import stripe_mask
 from ivfmc_ros.stripe.space_time import refine
 from ivfmc_ros.stripe.texture import coloured
 from ivfmc_ros.stripe.triangulate import triangulate
+from ivfmc_ros.validation import require_in_range
 
 # A stripe that is narrower than this share of a scan's median may have been cut.
 _NARROW = 0.5
@@ -62,19 +62,10 @@ class AcquisitionSettings:
     space_time: int = 0
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.noise_distance <= 1.0:
-            raise ParameterError(
-                f'noise_distance: {self.noise_distance} m is out of range; it must be 0 to 1 m'
-            )
-        if not 1 <= self.noise_least <= 1000:
-            raise ParameterError(
-                f'noise_least: {self.noise_least} is out of range; it must be 1 to 1000 points'
-            )
-        if self.space_time != 0 and not 2 <= self.space_time <= 100:
-            raise ParameterError(
-                f'space_time: {self.space_time} is out of range; '
-                'it must be 0, or 2 to 100 pictures'
-            )
+        require_in_range('noise_distance', self.noise_distance, 0.0, 1.0, 'm', open_low=True)
+        require_in_range('noise_least', self.noise_least, 1, 1000, 'points')
+        if self.space_time != 0:
+            require_in_range('space_time', self.space_time, 2, 100, 'pictures (0: off)')
 
 
 @dataclass(kw_only=True)

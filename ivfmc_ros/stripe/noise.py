@@ -8,9 +8,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Singles
+from ivfmc_ros.validation import require_in_range
 
 Values = TypeVar('Values', Floats, Singles)
 
@@ -33,9 +33,9 @@ class Noise:
     speckle: float = 0.15
 
     def __post_init__(self) -> None:
-        _require('read', self.read, 0.0 <= self.read <= 100.0, '0 to 100 grey values')
-        _require('electrons_per_dn', self.electrons_per_dn, self.electrons_per_dn > 0, 'positive')
-        _require('speckle', self.speckle, 0.0 <= self.speckle <= 2.0, '0 to 2')
+        require_in_range('read', self.read, 0.0, 100.0, 'DN')
+        require_in_range('electrons_per_dn', self.electrons_per_dn, 0.0, math.inf, open_low=True)
+        require_in_range('speckle', self.speckle, 0.0, 2.0)
 
     def variance(self, total: Values, laser: Values) -> Values:
         """
@@ -50,8 +50,3 @@ class Noise:
         if math.isfinite(self.electrons_per_dn):
             variance += np.maximum(total, 0.0) * (1.0 / self.electrons_per_dn)
         return variance
-
-
-def _require(name: str, value: float, fits: bool, allowed: str) -> None:
-    if not fits:
-        raise ParameterError(f'{name}: {value} is out of range; it must be {allowed}')

@@ -8,6 +8,8 @@ from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.stripe import channel
 from ivfmc_ros.stripe.estimators import METHODS
 from ivfmc_ros.stripe.noise import Noise
+from ivfmc_ros.validation import require_in_range
+from ivfmc_ros.validation import require_one_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,27 +54,22 @@ class ExtractSettings:
     noise: Noise | None = None
 
     def __post_init__(self) -> None:
-        if self.method not in ('auto', *METHODS):
-            known = ', '.join(('auto', *METHODS))
-            raise ParameterError(f'method: {self.method!r} is not one of {known}')
+        require_one_of('method', self.method, ('auto', *METHODS))
         if self.channel != 'auto':
             channel.weights_of(self.channel)
-        _require('min_snr', self.min_snr, 3.0 <= self.min_snr <= 100.0, '3 to 100')
-        _require('min_contrast', self.min_contrast, 0.0 < self.min_contrast < 1.0, '0 to 1')
-        _require('max_error', self.max_error, 0.0 < self.max_error <= 50.0, '0 to 50 pixels')
-        _require('max_doubt', self.max_doubt, 0.0 < self.max_doubt <= 50.0, '0 to 50')
-        _require('window', self.window, 1.0 <= self.window <= 5.0, '1 to 5')
-        _require('max_sigma', self.max_sigma, 1.0 <= self.max_sigma <= 50.0, '1 to 50 pixels')
-        widening = 1.0 < self.max_widening <= 50.0
-        _require('max_widening', self.max_widening, widening, 'above 1, to 50')
-        _require('along', self.along, 0.0 <= self.along <= 50.0, '0 to 50 rows')
+        require_in_range('min_snr', self.min_snr, 3.0, 100.0)
+        require_in_range(
+            'min_contrast', self.min_contrast, 0.0, 1.0, open_low=True, open_high=True
+        )
+        require_in_range('max_error', self.max_error, 0.0, 50.0, 'pixels', open_low=True)
+        require_in_range('max_doubt', self.max_doubt, 0.0, 50.0, open_low=True)
+        require_in_range('window', self.window, 1.0, 5.0)
+        require_in_range('max_sigma', self.max_sigma, 1.0, 50.0, 'pixels')
+        require_in_range('max_widening', self.max_widening, 1.0, 50.0, open_low=True)
+        require_in_range('along', self.along, 0.0, 50.0, 'rows')
         width = self.least_width
         if width is not None:
-            _require('least_width', width, 0.1 <= width <= 50.0, '0.1 to 50 pixels')
-        odd = self.smoothing % 2 == 1 and 1 <= self.smoothing <= 31
-        _require('smoothing', self.smoothing, odd, 'odd, 1 to 31')
-
-
-def _require(name: str, value: float, fits: bool, allowed: str) -> None:
-    if not fits:
-        raise ParameterError(f'{name}: {value} is out of range; it must be {allowed}')
+            require_in_range('least_width', width, 0.1, 50.0, 'pixels')
+        require_in_range('smoothing', self.smoothing, 1, 31, 'pixels')
+        if self.smoothing % 2 == 0:
+            raise ParameterError(f'smoothing: {self.smoothing} is out of range; it must be odd')

@@ -151,5 +151,7 @@ def test_clouds_that_do_not_overlap_are_refused(method):
 
 def test_unknown_method_is_refused():
     points, normals = corner(100)
-    with pytest.raises(ParameterError, match="method: 'magic' is neither 'paper' nor"):
+    with pytest.raises(
+        ParameterError, match="method: 'magic' is not one of paper, point_to_plane"
+    ):
         icp(points, points, normals, np.eye(4), reach=1e-3, method='magic')

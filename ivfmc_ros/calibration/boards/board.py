@@ -18,6 +18,8 @@ from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Image
 from ivfmc_ros.model import Ints
+from ivfmc_ros.validation import require_in_range
+from ivfmc_ros.validation import require_one_of
 
 FORMS = "'chessboard:8x6:40mm' (inner corners) or 'charuco:10x7:12mm:9mm:DICT_4X4_50' (squares)"
 
@@ -73,12 +75,12 @@ class Board:
     legacy: bool = False
 
     def __post_init__(self) -> None:
-        if self.kind not in ('chessboard', 'charuco'):
-            raise ParameterError(f'board: {self.kind!r} is neither chessboard nor charuco')
+        require_one_of('board', self.kind, ('chessboard', 'charuco'))
         if self.columns < 3 or self.rows < 3:
             raise ParameterError(f'board: {self.columns}x{self.rows} is too small, 3x3 is least')
-        if not (math.isfinite(self.square) and self.square > 0):
-            raise ParameterError('board: the square must have a positive length')
+        require_in_range(
+            'board: square', self.square, 0.0, math.inf, 'm', open_low=True, open_high=True
+        )
         if self.kind == 'charuco':
             self._check_markers()
 

@@ -14,6 +14,7 @@ from ivfmc_ros.calibration.boards.edges import refine_square
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Image
+from ivfmc_ros.validation import require_in_range
 
 _FORM = "'DICT_4X4_50:30mm' (dictionary, side)"
 
@@ -27,8 +28,7 @@ class Markers:
 
     def __post_init__(self) -> None:
         marker_dictionary(self.dictionary)
-        if not 0 < self.side < 10:
-            raise ParameterError(f'markers: a side of {self.side} m is not possible')
+        require_in_range('markers: side', self.side, 0.0, 10.0, 'm', open_low=True, open_high=True)
 
     @property
     def corners_xyz(self) -> Floats:

@@ -25,6 +25,7 @@ from ivfmc_ros.errors import CalibrationError
 from ivfmc_ros.errors import CellError
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
+from ivfmc_ros.validation import require_one_of
 
 MIN_VIEWS = 6
 # A view is bad if its rms is more than this many times the median of all.
@@ -88,8 +89,7 @@ def calibrate_camera(
     where : folder of the pictures, for messages
     :raises CalibrationError: too few or too similar views
     """
-    if model not in DISTORTION_COEFFICIENTS:
-        raise CalibrationError(f'model: {model!r} is not one of plumb_bob, rational_polynomial')
+    require_one_of('model', model, DISTORTION_COEFFICIENTS, error=CalibrationError)
     free = Free(square=square, stretch=square, bend=bend)
     used, bundle = _without_bad(board, views, model, free, where)
     bundle = _simplest(board, [view.corners for view in used], bundle, free)

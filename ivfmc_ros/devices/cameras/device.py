@@ -7,6 +7,7 @@ from typing import Protocol
 
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Image
+from ivfmc_ros.validation import require_in_range
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -37,16 +38,13 @@ class Exposure:
     gain: float = 1.0
 
     def __post_init__(self) -> None:
-        if not 0.1 <= self.frame_rate <= 1000.0:
-            raise ParameterError(f'frame_rate: {self.frame_rate} is not in 0.1 to 1000')
-        if not 1e-6 <= self.seconds <= 1.0:
-            raise ParameterError(f'exposure: {self.seconds} s is not in 1e-6 to 1 s')
+        require_in_range('frame_rate', self.frame_rate, 0.1, 1000.0, 'Hz')
+        require_in_range('exposure', self.seconds, 1e-6, 1.0, 's')
         if self.seconds * self.frame_rate > 1.0:
             raise ParameterError(
                 f'exposure: {self.seconds} s is too long for {self.frame_rate} pictures a second'
             )
-        if not 0.0 < self.gain <= 100.0:
-            raise ParameterError(f'gain: {self.gain} is not in 0 to 100')
+        require_in_range('gain', self.gain, 0.0, 100.0, open_low=True)
 
 
 class CameraDevice(Protocol):

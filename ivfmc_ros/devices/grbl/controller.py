@@ -23,6 +23,7 @@ from ivfmc_ros.errors import BoardRefusedError
 from ivfmc_ros.errors import DeviceError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import StoppedError
+from ivfmc_ros.validation import require_in_range
 
 _MAX_SPINDLE, _HOMING, _MAX_RATE, _ACCELERATION = 30, 22, 110, 120  # numbers of settings
 _BOOT = 4.0  # seconds; a boot loader listens for two before it starts the board
@@ -302,5 +303,4 @@ def _require_motion(position: float, velocity: float, acceleration: float) -> No
     if not math.isfinite(position):
         raise ParameterError(f'position: {position} is no angle')
     for name, value in (('velocity', velocity), ('acceleration', acceleration)):
-        if not (math.isfinite(value) and value > 0):
-            raise ParameterError(f'{name}: {value} must be positive')
+        require_in_range(name, value, 0.0, math.inf, open_low=True, open_high=True)

@@ -8,6 +8,8 @@ from dataclasses import field
 import math
 
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.validation import require_in_range
+from ivfmc_ros.validation import require_one_of
 
 # What a laser can be wired to: (on, off).
 OUTPUTS = {'spindle': ('M3 S{:.0f}', 'M5'), 'coolant': ('M8', 'M9')}
@@ -35,12 +37,10 @@ class GrblSettings:
     home_timeout: float = 120.0
 
     def __post_init__(self) -> None:
-        if self.axis not in tuple('XYZABC'):
-            raise ParameterError(f'axis: {self.axis!r} is not one of X, Y, Z, A, B, C')
+        require_one_of('axis', self.axis, 'XYZABC')
         if not (math.isfinite(self.units_per_turn) and self.units_per_turn):
             raise ParameterError(f'units_per_turn: {self.units_per_turn} is no number of units')
-        if not 0.0 <= self.power <= 1.0:
-            raise ParameterError(f'power: {self.power} is out of range; it must be 0 to 1')
+        require_in_range('power', self.power, 0.0, 1.0)
         wrong = [output for output in self.lasers.values() if output not in OUTPUTS]
         if wrong or len(set(self.lasers.values())) != len(self.lasers):
             raise ParameterError(

@@ -21,6 +21,7 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import MEASURED
 from ivfmc_ros.model import Mesh
+from ivfmc_ros.validation import require_one_of
 
 # metres -> unit
 UNITS = {'m': 1.0, 'mm': 1e3, 'inch': 1.0 / 0.0254}
@@ -74,8 +75,7 @@ def write_cloud(path: Path, points_xyz: Floats, sigma: Floats, unit: str = 'mm')
 
 
 def _scale(unit: str) -> float:
-    if unit not in UNITS:
-        raise ParameterError(f'export_unit: {unit!r} is not one of {", ".join(UNITS)}')
+    require_one_of('export_unit', unit, UNITS)
     return UNITS[unit]
 
 
@@ -207,7 +207,6 @@ FORMATS = tuple(suffix[1:] for suffix in _WRITERS)
 def require_formats(names: Iterable[str]) -> None:
     """:raises ParameterError: a name is none of FORMATS, or its library is missing."""
     for name in names:
-        if name not in FORMATS:
-            raise ParameterError(f'formats: {name!r} is not one of {", ".join(FORMATS)}')
+        require_one_of('formats', name, FORMATS)
         if name == '3mf':
             threemf.require()

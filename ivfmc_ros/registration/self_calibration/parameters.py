@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.laser import LaserPlane
-from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Floats
 from ivfmc_ros.registration.solver.prior import CellPrior
+from ivfmc_ros.validation import require_one_of
 
 REFINABLE = ('poses', 'axis', 'angle', 'lasers')
 
@@ -189,6 +189,5 @@ def require_groups(groups: Collection[str]) -> frozenset[str]:
     :raises ParameterError: one is not known
     """
     for group in groups:
-        if group not in REFINABLE:
-            raise ParameterError(f'refine: {group!r} is not one of {", ".join(REFINABLE)}')
+        require_one_of('refine', group, REFINABLE)
     return frozenset(groups)

@@ -11,6 +11,7 @@ import numpy as np
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
+from ivfmc_ros.validation import require_in_range
 
 _TURN = 2  # about z, in the order of a pose's unknowns
 # Two lasers that are 66 degrees apart see no higher order well.
@@ -67,10 +68,7 @@ class CellPrior:
 
     def __post_init__(self) -> None:
         require_sigmas(self)
-        if not 1 <= self.orders <= _MOST_ORDERS:
-            raise ParameterError(
-                f'prior: orders: {self.orders} is out of range; it must be 1 to {_MOST_ORDERS}'
-            )
+        require_in_range('prior: orders', self.orders, 1, _MOST_ORDERS)
 
 
 def pose_root(prior: TablePrior, held: Bools) -> Floats:

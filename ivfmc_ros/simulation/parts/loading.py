@@ -3,6 +3,7 @@
 """What the simulated camera looks at: a solid, and the platter under it."""
 
 from dataclasses import dataclass
+import math
 from pathlib import Path
 from typing import Literal
 
@@ -10,9 +11,10 @@ import numpy as np
 
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import GeometryError
-from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
+from ivfmc_ros.validation import require_in_range
+from ivfmc_ros.validation import require_one_of
 
 Unit = Literal['m', 'mm', 'inch']
 
@@ -32,12 +34,8 @@ class Platter:
     reflectance: float = 0.4
 
     def __post_init__(self) -> None:
-        if not self.radius > 0:
-            raise ParameterError(f'platter: the radius must be positive, not {self.radius}')
-        if not 0 <= self.reflectance <= 1:
-            raise ParameterError(
-                f'platter: the reflectance must be 0 to 1, not {self.reflectance}'
-            )
+        require_in_range('platter: radius', self.radius, 0.0, math.inf, 'm', open_low=True)
+        require_in_range('platter: reflectance', self.reflectance, 0.0, 1.0)
 
 
 USUAL_PLATTER = Platter()
@@ -106,8 +104,7 @@ def load_stl(path: Path, unit: Unit) -> Solid:
     """
     import open3d  # takes seconds
 
-    if unit not in _METRES:
-        raise ParameterError(f'unit: {unit!r} is not one of {", ".join(_METRES)}')
+    require_one_of('unit', unit, _METRES)
     if path.suffix.lower() != '.stl':
         raise FileError(f'{path}: is no STL file (its name must end with .stl)')
     if not path.is_file():

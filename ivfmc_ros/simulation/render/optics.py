@@ -12,9 +12,9 @@ from scipy.special import ndtr
 
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.laser import LaserPlane
-from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Singles
+from ivfmc_ros.validation import require_in_range
 
 WHITE = 255  # an 8-bit sensor ends here
 
@@ -49,12 +49,9 @@ class Optics:
 
     def __post_init__(self) -> None:
         for name in ('stripe_sigma', 'electrons_per_dn'):
-            if not getattr(self, name) > 0:
-                raise ParameterError(f'{name}: must be positive, not {getattr(self, name)}')
+            require_in_range(name, getattr(self, name), 0.0, math.inf, open_low=True)
         for name in ('peak', 'ambient', 'read_noise', 'speckle', 'reflectance'):
-            value = getattr(self, name)
-            if not (value >= 0 and math.isfinite(value)):
-                raise ParameterError(f'{name}: must be 0 or more, not {value}')
+            require_in_range(name, getattr(self, name), 0.0, math.inf, open_high=True)
 
     def without_noise(self) -> 'Optics':
         """Return the same light on a perfect sensor (grey values are still whole numbers)."""

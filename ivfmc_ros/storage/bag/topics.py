@@ -9,11 +9,12 @@ from ivfmc_ros.errors import BagError
 from ivfmc_ros.storage.bag.reader import Bag
 from ivfmc_ros.storage.bag.reader import Topic
 from ivfmc_ros.storage.messages import cdr
-from ivfmc_ros.storage.messages.build import CAMERA_INFO
-from ivfmc_ros.storage.messages.build import COMPRESSED_IMAGE
-from ivfmc_ros.storage.messages.build import IMAGE
-from ivfmc_ros.storage.messages.build import JOINT_STATE
-from ivfmc_ros.storage.messages.build import POINT_CLOUD
+from ivfmc_ros.storage.messages.sensor_messages import CAMERA_INFO
+from ivfmc_ros.storage.messages.sensor_messages import COMPRESSED_IMAGE
+from ivfmc_ros.storage.messages.sensor_messages import IMAGE
+from ivfmc_ros.storage.messages.sensor_messages import JOINT_STATE
+from ivfmc_ros.storage.messages.sensor_messages import POINT_CLOUD
+from ivfmc_ros.validation import require_one_of
 
 # role -> the ends of a name and the type that goes with each
 _ROLES = {
@@ -26,7 +27,7 @@ _ROLES = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Roles:
+class ScanTopics:
     """
     The topics of a scan; None where the bag has none.
 
@@ -40,7 +41,7 @@ class Roles:
     profile: Topic | None = None
 
 
-def find_roles(bag: Bag, named: Mapping[str, str] | None = None) -> Roles:
+def find_scan_topics(bag: Bag, named: Mapping[str, str] | None = None) -> ScanTopics:
     """
     Find the topics of a scan.
 
@@ -49,10 +50,9 @@ def find_roles(bag: Bag, named: Mapping[str, str] | None = None) -> Roles:
     :raises BagError: pictures or joint states are missing, or several topics could be meant
     """
     named = named or {}
-    unknown = [role for role in named if role not in _ROLES]
-    if unknown:
-        raise BagError(f'{bag.path}: {unknown[0]!r} is not one of {", ".join(_ROLES)}')
-    return Roles(
+    for role in named:
+        require_one_of(f'{bag.path}: topic', role, _ROLES, error=BagError)
+    return ScanTopics(
         image=_required(bag, 'image', named),
         joint_states=_required(bag, 'joint_states', named),
         camera_info=_find(bag, 'camera_info', named),
