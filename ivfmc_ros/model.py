@@ -1,9 +1,9 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What flows through the scanner: pictures, profiles, views, poses, a mesh.
+Data types passed between the stages: Frame, Profile, View, Poses and Mesh.
 
-Units are metres, radians and nanoseconds; pixel (0, 0) is the centre of the first pixel
+Units are meters, radians and nanoseconds; pixel (0, 0) is the center of the first pixel
 (OpenCV's convention). Points are in the frame ``turntable``, which turns with the part.
 Invalid points are NaN (REP 117).
 """
@@ -24,33 +24,36 @@ Bytes = NDArray[np.uint8]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 Kinds = NDArray[np.uint8]
 
-# Where a triangle comes from: it was seen; it bridges a gap of a few voxels; it is the face that
-# the part stands on; it fills a hole.
+# Origin of a triangle: measured surface; a bridge over a gap of a few voxels; the face that the
+# part stands on; the filling of a hole.
 MEASURED, BRIDGED, BASE, FILLED = 0, 1, 2, 3
 
 
 def _require_shape(name: str, array: NDArray[Any], shape: Sequence[int | None]) -> None:
     """Raise ValueError unless ``array`` has ``shape`` (None stands for any length)."""
-    fits = array.ndim == len(shape) and all(
-        want is None or have == want for have, want in zip(array.shape, shape, strict=True)
+    matches = array.ndim == len(shape) and all(
+        expected in (None, actual) for actual, expected in zip(array.shape, shape, strict=True)
     )
-    if not fits:
-        wanted = ', '.join('n' if size is None else str(size) for size in shape)
-        raise ValueError(f'{name} has shape {array.shape}, expected ({wanted})')
+    if not matches:
+        text = ', '.join('n' if size is None else str(size) for size in shape)
+        raise ValueError(f'{name} has shape {array.shape}, expected ({text})')
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Frame:
     """
-    One camera picture and what the cell was doing while it was exposed.
+    One camera image with the table position and the laser at its exposure.
 
     image : (height, width) mono or (height, width, 3) BGR, uint8 or uint16
     stamp_ns : start of exposure, nanoseconds
     angle : table position in radians, positive counter-clockwise about +z
     laser : index of the laser that was on, in the order of the cell
-    seq : counts the profiles of a scan without gaps
-    speed : of the table as it was reported, radians per second; 0 where it stood
-    dark : like ``image``, with all lasers off and the table at the same angle; None: not taken
+    view : number of the view (sweep) that the image belongs to
+    seq : running number of the profile in its scan, without gaps
+    speed : reported table speed, radians per second; 0 at standstill
+    dark : image with all lasers off at the same table angle, shape and type of ``image``; None if
+        not taken
+    :raises ValueError: ``image`` or ``dark`` has another shape or type
     """
 
     image: Image
@@ -71,22 +74,23 @@ class Frame:
         if dark is not None and (dark.shape, dark.dtype) != (self.image.shape, self.image.dtype):
             raise ValueError(
                 f'dark is {dark.shape} of {dark.dtype}, image {self.image.shape} of '
-                f'{self.image.dtype}; they must be alike'
+                f'{self.image.dtype}; they must have the same shape and type'
             )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Profile:
     """
-    The stripe of one picture as points on the part.
+    The triangulated laser stripe of one image: points on the part.
 
-    points_xyz : (n, 3) float64, metres, frame ``turntable``
-    intensity : (n,) float64, brightness of the stripe above its background, in grey values
-    sigma : (n,) float64, metres, 1 sigma along the error direction dX/du in the laser plane
-    uv : (n, 2) float64, pixel (column, row) where the stripe was found
-    angle : radians; provisional where the table turned, until its motion is fitted
-    speed : of the table as it was reported, radians per second; 0 where it stood
-    colour : (n, 3) uint8, red, green, blue of the surface with the laser off; None: not known
+    points_xyz : (n, 3) float64, meters, frame ``turntable``
+    intensity : (n,) float64, height of the stripe peak above the background, in DN
+    sigma : (n,) float64, meters, 1 sigma along the error direction dX/du in the laser plane
+    uv : (n, 2) float64, pixel (column, row) of the stripe center
+    angle : radians; in continuous motion provisional until the table motion is fitted
+    speed : reported table speed, radians per second; 0 at standstill
+    color : (n, 3) uint8, RGB of the surface with the laser off; None if not known
+    :raises ValueError: arrays of different length
     """
 
     points_xyz: Floats
@@ -99,7 +103,7 @@ class Profile:
     seq: int
     stamp_ns: int
     speed: float = 0.0
-    colour: Bytes | None = None
+    color: Bytes | None = None
 
     def __post_init__(self) -> None:
         count = len(self.points_xyz)
@@ -107,14 +111,14 @@ class Profile:
         _require_shape('intensity', self.intensity, (count,))
         _require_shape('sigma', self.sigma, (count,))
         _require_shape('uv', self.uv, (count, 2))
-        if self.colour is not None:
-            _require_shape('colour', self.colour, (count, 3))
+        if self.color is not None:
+            _require_shape('color', self.color, (count, 3))
 
     def __len__(self) -> int:
         return len(self.points_xyz)
 
-    def as_sent(self) -> 'Profile':
-        """Return the profile as it is after it has been a message: in single precision."""
+    def to_single_precision(self) -> 'Profile':
+        """Return the profile rounded to single precision, as a PointCloud2 message carries it."""
         names = ('points_xyz', 'intensity', 'sigma', 'uv')
         single = {name: getattr(self, name).astype(np.float32) for name in names}
         return replace(
@@ -128,14 +132,17 @@ class Profile:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class View:
     """
-    One sweep of one laser as an organised cloud: rows are stripe rows, columns are profiles.
+    One sweep of one laser as an organized point cloud: a row per stripe row, a column per profile.
 
-    points_xyz : (rows, columns, 3) float64, metres, frame ``turntable``; NaN where nothing is
-    intensity, sigma : (rows, columns) float64, grey values and metres; NaN where nothing is
-    uv : (rows, columns, 2) float64, pixel; NaN where nothing is
+    points_xyz : (rows, columns, 3) float64, meters, frame ``turntable``; NaN where invalid
+    intensity, sigma : (rows, columns) float64, DN and meters; NaN where invalid
+    uv : (rows, columns, 2) float64, pixel; NaN where invalid
     angles : (columns,) float64, radians, ascending
-    seqs : (columns,) int64, the profile that became this column
-    colour : (rows, columns, 3) uint8, red, green, blue, 0 where nothing is; None: not known
+    seqs : (columns,) int64, ``Profile.seq`` of each column
+    color : (rows, columns, 3) uint8, RGB, 0 where invalid; None if not known
+    clamping : number of the clamping that the view was taken in, 0 in a single scan; views of
+        merged scans have different ones
+    :raises ValueError: arrays of different shape
     """
 
     number: int
@@ -146,7 +153,8 @@ class View:
     uv: Floats
     angles: Floats
     seqs: Ints
-    colour: Bytes | None = None
+    color: Bytes | None = None
+    clamping: int = 0
 
     def __post_init__(self) -> None:
         _require_shape('points_xyz', self.points_xyz, (None, None, 3))
@@ -156,23 +164,23 @@ class View:
         _require_shape('uv', self.uv, (rows, columns, 2))
         _require_shape('angles', self.angles, (columns,))
         _require_shape('seqs', self.seqs, (columns,))
-        if self.colour is not None:
-            _require_shape('colour', self.colour, (rows, columns, 3))
+        if self.color is not None:
+            _require_shape('color', self.color, (rows, columns, 3))
 
     @property
     def valid(self) -> Bools:
-        """(rows, columns) bool: where there is a point."""
+        """(rows, columns) bool, whether the point is valid."""
         return np.isfinite(self.points_xyz[..., 0])
 
     def cloud(self) -> Floats:
-        """Return the valid points, (n, 3) float64, metres."""
+        """Return the valid points, (n, 3) float64, meters."""
         return self.points_xyz[self.valid]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Poses:
     """
-    Correction of every view in the frame ``turntable``; identity where the table was believed.
+    Correction of each view's pose in the frame ``turntable``; identity keeps the table's pose.
 
     turntable_from_view : (views, 4, 4) float64, rigid; p_turntable = T @ p_view
     """
@@ -184,7 +192,7 @@ class Poses:
 
     @classmethod
     def identity(cls, count: int) -> 'Poses':
-        """Return ``count`` poses that move nothing."""
+        """Return ``count`` identity poses."""
         return cls(turntable_from_view=np.tile(np.eye(4), (count, 1, 1)))
 
     def __len__(self) -> int:
@@ -194,15 +202,16 @@ class Poses:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Mesh:
     """
-    Triangles in the frame ``turntable``.
+    Triangle mesh in the frame ``turntable``.
 
-    vertices_xyz : (n, 3) float64, metres
+    vertices_xyz : (n, 3) float64, meters
     faces : (m, 3) int64, counter-clockwise seen from outside
     normals : (n, 3) float64, unit, outward; NaN at a vertex that no face uses
-    sigma : (n,) float64, metres, 1 sigma of the vertex along its measuring direction
-    intensity : (n,) float64, grey values
+    sigma : (n,) float64, meters, 1 sigma of the vertex along its measuring direction
+    intensity : (n,) float64, DN
     kind : (m,) uint8, MEASURED, BRIDGED, BASE or FILLED; None if all faces were measured
-    flying : pieces that were left out, small ones far from the rest
+    flying : number of dropped connected components, small ones far from the rest
+    :raises ValueError: arrays of different length
     """
 
     vertices_xyz: Floats

@@ -85,5 +85,5 @@ def _thinned(view: View, edge: float) -> View:
     every = int(edge / _ROWS / np.median(known)) if known.size and np.median(known) > 0 else 1
     some = slice(None, None, max(every, 1))
     arrays = ('points_xyz', 'intensity', 'sigma', 'uv')
-    colour = None if view.colour is None else view.colour[some]
-    return replace(view, **{name: getattr(view, name)[some] for name in arrays}, colour=colour)
+    color = None if view.color is None else view.color[some]
+    return replace(view, **{name: getattr(view, name)[some] for name in arrays}, color=color)

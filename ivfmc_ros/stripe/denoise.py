@@ -39,5 +39,5 @@ def keep(profile: Profile, chosen: Bools | Ints) -> Profile:
         intensity=profile.intensity[chosen],
         sigma=profile.sigma[chosen],
         uv=profile.uv[chosen],
-        colour=None if profile.colour is None else profile.colour[chosen],
+        color=None if profile.color is None else profile.color[chosen],
     )

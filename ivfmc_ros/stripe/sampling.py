@@ -53,4 +53,4 @@ class SampledAcquisition:
         return [(frame, self._measure(frame)) for frame in first]
 
     def _measure(self, frame: Frame) -> Profile:
-        return self.acquisition.profile(frame).as_sent()
+        return self.acquisition.profile(frame).to_single_precision()

@@ -4,7 +4,7 @@
 When the sheet passes a point of the surface, instead of where it is in one picture.
 
 A point of the part keeps its reflectance while it turns through the sheet, so that its
-brightness over the pictures is the sheet's profile, also where the surface changes colour or
+brightness over the pictures is the sheet's profile, also where the surface changes color or
 ends (Curless and Levoy 1995, Better Optical Triangulation through Spacetime Analysis). A point
 is followed through the pictures before and after along the way that the table takes it; they
 move a surface by a shift, a turntable by an arc.

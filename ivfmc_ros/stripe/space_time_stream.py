@@ -93,7 +93,7 @@ class FollowedAcquisition:
         index = sweep.ready
         frame = sweep.frames[index]
         around = sweep.frames[: index + self._half + 1]
-        profile = self.acquisition.profile(frame, around=around).as_sent()
+        profile = self.acquisition.profile(frame, around=around).to_single_precision()
         if index < self._half:
             sweep.ready += 1
         else:

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The colour of the surface, from a picture with the laser off, onto the points."""
+"""The color of the surface, from a picture with the laser off, onto the points."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ def coloured(profile: Profile, picture: Image) -> Profile:
     picture : (h, w) mono or (h, w, 3) BGR, uint8 or uint16, taken at the same table angle with
         all lasers off
     """
-    return replace(profile, colour=colours(profile.uv, picture))
+    return replace(profile, color=colours(profile.uv, picture))
 
 
 def colours(uv: Floats, picture: Image) -> Bytes:

@@ -38,7 +38,7 @@ def test_colour_goes_with_the_points_into_the_view():
     texture[:] = (50, 100, 200)
     frames = list(sphere_frames(cell, SPHERE, 4, seed=1))
     (view,) = assemble(cell, [acquisition.profile(frame, texture) for frame in frames])
-    assert (view.colour[view.valid] == (200, 100, 50)).all()
-    assert not view.colour[~view.valid].any()
+    assert (view.color[view.valid] == (200, 100, 50)).all()
+    assert not view.color[~view.valid].any()
     (plain,) = assemble(cell, [acquisition.profile(frame) for frame in frames])
-    assert plain.colour is None
+    assert plain.color is None

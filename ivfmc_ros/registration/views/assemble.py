@@ -67,7 +67,7 @@ def _assemble_one(cell: Cell, number: int, profiles: Sequence[Profile]) -> View:
         uv=grid('uv', 2),
         angles=np.array([profile.angle for profile in profiles]),
         seqs=np.array([profile.seq for profile in profiles], dtype=np.int64),
-        colour=_colours(profiles, shape, row, column),
+        color=_colours(profiles, shape, row, column),
     )
 
 
@@ -75,12 +75,12 @@ def _colours(
     profiles: Sequence[Profile], shape: tuple[int, int], row: Ints, column: Ints
 ) -> Bytes | None:
     """Return the colours of a view's points; None where any profile has none."""
-    known = [profile.colour for profile in profiles if profile.colour is not None]
+    known = [profile.color for profile in profiles if profile.color is not None]
     if len(known) < len(profiles):
         return None
-    colour = np.zeros((*shape, 3), dtype=np.uint8)
-    colour[row, column] = np.concatenate(known)
-    return colour
+    color = np.zeros((*shape, 3), dtype=np.uint8)
+    color[row, column] = np.concatenate(known)
+    return color
 
 
 def closes(view: View) -> bool:
