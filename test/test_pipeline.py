@@ -15,7 +15,7 @@ from ivfmc_ros.errors import CellError
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.errors import NoStripeError
 from ivfmc_ros.errors import ParameterError
-from ivfmc_ros.meshing.normals import of_faces
+from ivfmc_ros.meshing.geometry.normals import of_faces
 from ivfmc_ros.model import Frame
 from ivfmc_ros.pipeline import reconstruct
 from ivfmc_ros.pipeline import Settings

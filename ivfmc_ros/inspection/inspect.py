@@ -24,7 +24,7 @@ from ivfmc_ros.inspection.sizes import Sized
 from ivfmc_ros.inspection.sizes import sizes
 from ivfmc_ros.inspection.uncertainty import calibration_modes
 from ivfmc_ros.inspection.uncertainty import Modes
-from ivfmc_ros.meshing import normals as triangle_normals
+from ivfmc_ros.meshing.geometry import normals as triangle_normals
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.surface import Surface

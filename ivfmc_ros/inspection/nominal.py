@@ -9,7 +9,7 @@ import numpy as np
 
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import GeometryError
-from ivfmc_ros.meshing import topology
+from ivfmc_ros.meshing.geometry import topology
 from ivfmc_ros.meshing.io.export import UNITS
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints

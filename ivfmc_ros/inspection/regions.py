@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.inspection import features
-from ivfmc_ros.meshing import normals as triangle_normals
+from ivfmc_ros.meshing.geometry import normals as triangle_normals
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 

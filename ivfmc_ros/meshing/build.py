@@ -9,13 +9,13 @@ import numpy as np
 
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import GeometryError
-from ivfmc_ros.meshing.decimate import decimated
+from ivfmc_ros.meshing.filters.decimate import decimated
 from ivfmc_ros.meshing.integrate import integrate
+from ivfmc_ros.meshing.paper.zipper import join_views
 from ivfmc_ros.meshing.poisson import poisson
-from ivfmc_ros.meshing.samples import samples as sampling
+from ivfmc_ros.meshing.samples import surface_samples as sampling
 from ivfmc_ros.meshing.samples.view_samples import from_views
 from ivfmc_ros.meshing.settings import MeshSettings
-from ivfmc_ros.meshing.zipper import join_views
 from ivfmc_ros.model import Mesh
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View

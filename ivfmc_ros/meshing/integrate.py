@@ -12,17 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from ivfmc_ros.errors import GeometryError
-from ivfmc_ros.meshing import components
-from ivfmc_ros.meshing import denoise
-from ivfmc_ros.meshing import normals
-from ivfmc_ros.meshing import topology
+from ivfmc_ros.meshing.filters import components
+from ivfmc_ros.meshing.filters import denoise
+from ivfmc_ros.meshing.geometry import normals
+from ivfmc_ros.meshing.geometry import topology
 from ivfmc_ros.meshing.parallel import in_parts
-from ivfmc_ros.meshing.samples.samples import Samples
+from ivfmc_ros.meshing.samples.surface_samples import Samples
 from ivfmc_ros.meshing.settings import MeshSettings
-from ivfmc_ros.meshing.tsdf import fill
+from ivfmc_ros.meshing.tsdf import closed_distance
+from ivfmc_ros.meshing.tsdf import hole_filling
 from ivfmc_ros.meshing.tsdf import signed_distance
 from ivfmc_ros.meshing.tsdf import surface_nets
-from ivfmc_ros.meshing.tsdf import volume
 from ivfmc_ros.meshing.tsdf.blur import Spread
 from ivfmc_ros.meshing.tsdf.space_carving import carve
 from ivfmc_ros.model import BASE
@@ -89,16 +89,20 @@ def integrate(samples: Samples, voxel: float, settings: MeshSettings) -> Mesh:
         measured, weight = signed_distance.distance(sums)
         carve(blocks, measured, samples)
     coarse = filling.result()
-    net = surface_nets.extract(*volume.whole_distance(blocks, measured, coarse, settings.floor))
+    net = surface_nets.extract(
+        *closed_distance.whole_distance(blocks, measured, coarse, settings.floor)
+    )
     shell = _shell(sums, weight, net, settings.floor)
     noise = np.nan_to_num(shell.sigma)[net.quads].max(axis=1) * (_NORMAL_NOISE / voxel)
     vertices = denoise.denoised(net.vertices, net.quads, noise, settings.smoothing)
     return _mesh(grid.points(vertices), net.quads, shell, voxel, settings)
 
 
-def _fill(sums: signed_distance.Sums, samples: Samples, floor: float | None) -> fill.Coarse:
-    empty = fill.looked_through(sums.blocks.grid, samples)
-    return fill.fill(sums.blocks, sums, empty, floor)
+def _fill(
+    sums: signed_distance.Sums, samples: Samples, floor: float | None
+) -> hole_filling.Coarse:
+    empty = hole_filling.looked_through(sums.blocks.grid, samples)
+    return hole_filling.fill(sums.blocks, sums, empty, floor)
 
 
 def _shell(

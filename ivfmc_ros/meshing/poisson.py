@@ -5,9 +5,9 @@
 import numpy as np
 
 from ivfmc_ros.errors import GeometryError
-from ivfmc_ros.meshing import normals
-from ivfmc_ros.meshing import topology
-from ivfmc_ros.meshing.samples.samples import Samples
+from ivfmc_ros.meshing.geometry import normals
+from ivfmc_ros.meshing.geometry import topology
+from ivfmc_ros.meshing.samples.surface_samples import Samples
 from ivfmc_ros.meshing.settings import MeshSettings
 from ivfmc_ros.model import FILLED
 from ivfmc_ros.model import MEASURED

@@ -25,7 +25,7 @@ from ivfmc_ros.meshing.integrate import integrate
 from ivfmc_ros.meshing.io import export
 from ivfmc_ros.meshing.io.export import UNITS
 from ivfmc_ros.meshing.poisson import poisson
-from ivfmc_ros.meshing.samples import samples as sampling
+from ivfmc_ros.meshing.samples import surface_samples as sampling
 from ivfmc_ros.meshing.settings import MeshSettings
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import MEASURED

@@ -13,8 +13,8 @@ from support.spoilt import views
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.meshing.build import build_mesh
+from ivfmc_ros.meshing.geometry.topology import boundary_loops
 from ivfmc_ros.meshing.settings import MeshSettings
-from ivfmc_ros.meshing.topology import boundary_loops
 from ivfmc_ros.model import FILLED
 from ivfmc_ros.model import MEASURED
 from ivfmc_ros.model import Poses

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ivfmc_ros.meshing.samples.samples import RangeGrid
+from ivfmc_ros.meshing.samples.surface_samples import RangeGrid
 
 
 def read_bunny(folder: Path) -> list[RangeGrid]:

@@ -16,7 +16,7 @@ import numpy as np
 from ivfmc_ros import files
 from ivfmc_ros.inspection.reports import tables
 from ivfmc_ros.inspection.reports import viewer
-from ivfmc_ros.meshing.decimate import clustered
+from ivfmc_ros.meshing.filters.decimate import clustered
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 

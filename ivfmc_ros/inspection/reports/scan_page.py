@@ -15,7 +15,7 @@ from ivfmc_ros.inspection.reports.html import Page
 from ivfmc_ros.inspection.reports.html import Picture
 from ivfmc_ros.inspection.reports.picture import draw_cloud
 from ivfmc_ros.inspection.reports.picture import Viewpoint
-from ivfmc_ros.meshing.topology import boundary_loops
+from ivfmc_ros.meshing.geometry.topology import boundary_loops
 from ivfmc_ros.model import BASE
 from ivfmc_ros.model import BRIDGED
 from ivfmc_ros.model import FILLED

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ivfmc_ros import files
 from ivfmc_ros.errors import ParameterError
-from ivfmc_ros.meshing import normals
+from ivfmc_ros.meshing.geometry import normals
 from ivfmc_ros.meshing.io import threemf
 from ivfmc_ros.meshing.parallel import each_part
 from ivfmc_ros.model import Floats

@@ -9,7 +9,7 @@ from typing import BinaryIO
 import numpy as np
 
 from ivfmc_ros.errors import ParameterError
-from ivfmc_ros.meshing.topology import boundary_edges
+from ivfmc_ros.meshing.geometry.topology import boundary_edges
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Mesh

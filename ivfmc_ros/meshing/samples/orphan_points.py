@@ -15,8 +15,8 @@ from scipy.spatial import cKDTree
 
 from ivfmc_ros.meshing.samples.planes import Around
 from ivfmc_ros.meshing.samples.planes import planes_at
-from ivfmc_ros.meshing.samples.samples import merge
-from ivfmc_ros.meshing.samples.samples import Samples
+from ivfmc_ros.meshing.samples.surface_samples import merge
+from ivfmc_ros.meshing.samples.surface_samples import Samples
 from ivfmc_ros.model import Floats
 
 _NEIGHBOURS, _SCALE = 60, 2.0  # count; voxels

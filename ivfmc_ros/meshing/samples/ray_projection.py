@@ -18,10 +18,10 @@ import numpy as np
 from ivfmc_ros.meshing.samples.planes import Around
 from ivfmc_ros.meshing.samples.planes import Planes
 from ivfmc_ros.meshing.samples.planes import planes_at
-from ivfmc_ros.meshing.samples.samples import links
-from ivfmc_ros.meshing.samples.samples import RangeGrid
 from ivfmc_ros.meshing.samples.stripe_end_rejection import cut_ends
 from ivfmc_ros.meshing.samples.stripe_end_rejection import run_ends
+from ivfmc_ros.meshing.samples.surface_samples import links
+from ivfmc_ros.meshing.samples.surface_samples import RangeGrid
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 

@@ -12,10 +12,10 @@ from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.meshing.samples.orphan_points import adopted
 from ivfmc_ros.meshing.samples.ray_projection import settled
 from ivfmc_ros.meshing.samples.ray_projection import Stripes
-from ivfmc_ros.meshing.samples.samples import from_grid
-from ivfmc_ros.meshing.samples.samples import merge
-from ivfmc_ros.meshing.samples.samples import range_grid
-from ivfmc_ros.meshing.samples.samples import Samples
+from ivfmc_ros.meshing.samples.surface_samples import from_grid
+from ivfmc_ros.meshing.samples.surface_samples import merge
+from ivfmc_ros.meshing.samples.surface_samples import range_grid
+from ivfmc_ros.meshing.samples.surface_samples import Samples
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ivfmc_ros.meshing.parallel import in_parts
-from ivfmc_ros.meshing.samples.samples import Samples
+from ivfmc_ros.meshing.samples.surface_samples import Samples
 from ivfmc_ros.meshing.tsdf.blocks import Blocks
 from ivfmc_ros.meshing.tsdf.blocks import Grid
 from ivfmc_ros.meshing.tsdf.blocks import SIDE

@@ -9,7 +9,7 @@ through there.
 
 import numpy as np
 
-from ivfmc_ros.meshing.samples.samples import Samples
+from ivfmc_ros.meshing.samples.surface_samples import Samples
 from ivfmc_ros.meshing.tsdf.blocks import Blocks
 from ivfmc_ros.model import Singles
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ivfmc_ros.meshing import topology
+from ivfmc_ros.meshing.geometry import topology
 from ivfmc_ros.meshing.parallel import in_parts
 from ivfmc_ros.meshing.tsdf.blocks import Blocks
 from ivfmc_ros.meshing.tsdf.blocks import SIDE

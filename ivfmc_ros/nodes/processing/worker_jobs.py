@@ -12,7 +12,7 @@ from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import NoStripeError
 from ivfmc_ros.inspection.reports.scan_page import mesh_figures
-from ivfmc_ros.meshing.display import thinned
+from ivfmc_ros.meshing.filters.vertex_clustering import thinned
 from ivfmc_ros.meshing.io import export
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
@@ -21,14 +21,13 @@ from ivfmc_ros.model import Profile
 from ivfmc_ros.model import View
 from ivfmc_ros.registration.align import Verdict
 from ivfmc_ros.registration.merge.merge import merge
-from ivfmc_ros.registration.merge.merge import require_one_cell
 from ivfmc_ros.registration.merge.merge import require_several
 from ivfmc_ros.registration.misfit import laser_misfit
 from ivfmc_ros.registration.misfit import Misfit
 from ivfmc_ros.registration.views.motion_fit import Motion
 from ivfmc_ros.results import merging
 from ivfmc_ros.stopwatch import Stopwatch
-from ivfmc_ros.storage.stored_scan import retrieve
+from ivfmc_ros.storage.scans.stored_scan import load_profiles
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -75,9 +74,9 @@ def register(cell: Cell, profiles: Sequence[Profile], settings: pipeline.Setting
         raise NoStripeError(f'none of the {len(profiles)} profiles has a point')
     watch = Stopwatch()
     with watch.stage('views'):
-        views, motions, counts = pipeline.views_of(cell, profiles, settings)
+        views, motions, counts = pipeline.assemble_views(cell, profiles, settings)
     with watch.stage('registration'):
-        poses, verdicts = pipeline.poses_of(cell, views, settings)
+        poses, verdicts = pipeline.register_views(views, settings)
         misfit = laser_misfit(views, poses)
     return Registered(
         views=views,
@@ -118,11 +117,10 @@ def merge_scans(root: str, scan_ids: Sequence[str], settings: pipeline.Settings)
     watch = Stopwatch()
     clampings = []
     with watch.stage('retrieval'):
-        stored = [retrieve(Path(root), scan_id) for scan_id in scan_ids]
+        stored = [load_profiles(Path(root), scan_id) for scan_id in scan_ids]
     with watch.stage('views'):
         for scan_id, (profiles, cell) in zip(scan_ids, stored, strict=True):
-            clampings.append(pipeline.clamping_of(scan_id, cell, profiles, settings))
-        require_one_cell(clampings)
+            clampings.append(pipeline.register_clamping(scan_id, cell, profiles, settings))
     with watch.stage('registration'):
         merged = merge(clampings)
     return Joined(
@@ -156,7 +154,7 @@ def build(
             raise FileError(f'{path}: exists already and is not overwritten')
     watch = Stopwatch()
     with watch.stage('meshing'):
-        mesh, used = pipeline.mesh_of(cell, list(views), poses, settings)
+        mesh, used = pipeline.mesh_views(cell, list(views), poses, settings)
     with watch.stage('files'):
         for path in paths.values():
             export.write_mesh(path, mesh, settings.export_unit)

@@ -12,7 +12,7 @@ from ivfmc_ros.errors import FileError
 from ivfmc_ros.inspection.reports.html import Page
 from ivfmc_ros.inspection.reports.html import Picture
 from ivfmc_ros.inspection.reports.html import write_html
-from ivfmc_ros.meshing.decimate import clustered
+from ivfmc_ros.meshing.filters.decimate import clustered
 from ivfmc_ros.simulation.parts.solids import sphere
 
 BROWSER = next(filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'chrome'))), None)

@@ -13,7 +13,7 @@ from support.synthetic import sphere_profiles
 from ivfmc_ros.inspection.reports.overview import write_cloud_sheet
 from ivfmc_ros.inspection.reports.overview import write_mesh_sheet
 from ivfmc_ros.inspection.reports.overview import write_stripe_sheet
-from ivfmc_ros.meshing.paper_mesh import range_mesh
+from ivfmc_ros.meshing.paper.range_mesh import range_mesh
 from ivfmc_ros.model import Frame
 from ivfmc_ros.registration.views.assemble import assemble
 

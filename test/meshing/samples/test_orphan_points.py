@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ivfmc_ros.meshing.samples.orphan_points import adopted
-from ivfmc_ros.meshing.samples.samples import Samples
+from ivfmc_ros.meshing.samples.surface_samples import Samples
 
 VOXEL = 2e-4
 SIGMA = 2e-5

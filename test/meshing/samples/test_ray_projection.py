@@ -9,7 +9,7 @@ import pytest
 
 from ivfmc_ros.meshing.samples.ray_projection import settled
 from ivfmc_ros.meshing.samples.ray_projection import Stripes
-from ivfmc_ros.meshing.samples.samples import RangeGrid
+from ivfmc_ros.meshing.samples.surface_samples import RangeGrid
 
 SIGMA = 2e-5
 STEP = 2e-4

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ivfmc_ros.meshing.denoise import unfolded
+from ivfmc_ros.meshing.filters.denoise import unfolded
 
 
 @pytest.fixture

@@ -10,8 +10,8 @@ differs by more and has no say, so that the edge stays.
 
 import numpy as np
 
-from ivfmc_ros.meshing import topology
-from ivfmc_ros.meshing.normals import cross
+from ivfmc_ros.meshing.geometry import topology
+from ivfmc_ros.meshing.geometry.normals import cross
 from ivfmc_ros.meshing.parallel import in_parts
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats

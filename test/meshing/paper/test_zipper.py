@@ -8,9 +8,9 @@ from support.synthetic import sphere_profiles
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.errors import GeometryError
-from ivfmc_ros.meshing import normals
-from ivfmc_ros.meshing.zipper import join_views
-from ivfmc_ros.meshing.zipper import without_redundant
+from ivfmc_ros.meshing.geometry import normals
+from ivfmc_ros.meshing.paper.zipper import join_views
+from ivfmc_ros.meshing.paper.zipper import without_redundant
 from ivfmc_ros.model import Mesh
 from ivfmc_ros.model import Poses
 from ivfmc_ros.registration.views.assemble import assemble

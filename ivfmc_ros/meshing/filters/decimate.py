@@ -4,8 +4,8 @@
 
 import numpy as np
 
-from ivfmc_ros.meshing import normals
-from ivfmc_ros.meshing import topology
+from ivfmc_ros.meshing.geometry import normals
+from ivfmc_ros.meshing.geometry import topology
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Kinds

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from ivfmc_ros.meshing import normals
+from ivfmc_ros.meshing.geometry import normals
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 FACES = np.array([[0, 1, 2], [0, 2, 3]])

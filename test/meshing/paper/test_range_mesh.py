@@ -10,8 +10,8 @@ from support.synthetic import small_cell
 from support.synthetic import Sphere
 from support.synthetic import sphere_profiles
 
-from ivfmc_ros.meshing.normals import of_faces
-from ivfmc_ros.meshing.paper_mesh import range_mesh
+from ivfmc_ros.meshing.geometry.normals import of_faces
+from ivfmc_ros.meshing.paper.range_mesh import range_mesh
 from ivfmc_ros.registration.views.assemble import assemble
 from ivfmc_ros.registration.views.assemble import without
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
-from ivfmc_ros.meshing import normals
+from ivfmc_ros.meshing.geometry import normals
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints

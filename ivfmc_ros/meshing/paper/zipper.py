@@ -9,8 +9,8 @@ import numpy as np
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import GeometryError
-from ivfmc_ros.meshing import normals
-from ivfmc_ros.meshing.paper_mesh import range_mesh
+from ivfmc_ros.meshing.geometry import normals
+from ivfmc_ros.meshing.paper.range_mesh import range_mesh
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints

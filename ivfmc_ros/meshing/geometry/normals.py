@@ -4,7 +4,7 @@
 
 import numpy as np
 
-from ivfmc_ros.meshing import topology
+from ivfmc_ros.meshing.geometry import topology
 from ivfmc_ros.meshing.parallel import in_parts
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints

@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from ivfmc_ros.meshing.parallel import each_part
 from ivfmc_ros.meshing.parallel import in_parts
-from ivfmc_ros.meshing.samples.samples import Samples
+from ivfmc_ros.meshing.samples.surface_samples import Samples
 from ivfmc_ros.meshing.tsdf.blocks import Blocks
 from ivfmc_ros.meshing.tsdf.blocks import flat
 from ivfmc_ros.meshing.tsdf.blocks import Grid

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ivfmc_ros.meshing import normals
-from ivfmc_ros.meshing.decimate import decimated
+from ivfmc_ros.meshing.filters.decimate import decimated
+from ivfmc_ros.meshing.geometry import normals
 from ivfmc_ros.model import BASE
 from ivfmc_ros.model import MEASURED
 from ivfmc_ros.model import Mesh

@@ -10,9 +10,9 @@ from support.synthetic import Sphere
 from support.synthetic import sphere_profiles
 
 from ivfmc_ros.inspection.reports.scan_page import mesh_figures
-from ivfmc_ros.meshing import components
-from ivfmc_ros.meshing import topology
 from ivfmc_ros.meshing.build import build_mesh
+from ivfmc_ros.meshing.filters import components
+from ivfmc_ros.meshing.geometry import topology
 from ivfmc_ros.meshing.settings import MeshSettings
 from ivfmc_ros.model import FILLED
 from ivfmc_ros.model import MEASURED

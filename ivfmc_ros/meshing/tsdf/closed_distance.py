@@ -8,7 +8,7 @@ from scipy import ndimage
 from ivfmc_ros.meshing.parallel import in_parts
 from ivfmc_ros.meshing.tsdf.blocks import Blocks
 from ivfmc_ros.meshing.tsdf.blocks import SIDE
-from ivfmc_ros.meshing.tsdf.fill import Coarse
+from ivfmc_ros.meshing.tsdf.hole_filling import Coarse
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles

@@ -1,0 +1,3 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Method "paper": range meshes of single views (Ismail et al. 2007), and their zippering."""
