@@ -1,9 +1,10 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The whole job on one scan, without ROS: pictures in, a mesh out.
+The whole reconstruction of a scan without ROS: images in, a mesh out.
 
-Reads like the table of stages: acquisition, noise, views, registration, meshing.
+The stages are acquisition (stripe extraction, triangulation, noise removal), assembly of
+profiles into views, registration and meshing. The nodes call the same stages one by one.
 """
 
 from collections.abc import Iterable
@@ -20,7 +21,7 @@ from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.errors import NoStripeError
 from ivfmc_ros.meshing.build import build_mesh
-from ivfmc_ros.meshing.build import usual_edge
+from ivfmc_ros.meshing.build import default_max_edge
 from ivfmc_ros.meshing.io.export import UNITS
 from ivfmc_ros.meshing.settings import MeshSettings
 from ivfmc_ros.model import Frame
@@ -28,46 +29,46 @@ from ivfmc_ros.model import Mesh
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import Profile
 from ivfmc_ros.model import View
+from ivfmc_ros.progress import no_progress
 from ivfmc_ros.progress import Progress
-from ivfmc_ros.progress import silent
 from ivfmc_ros.registration.align import align
 from ivfmc_ros.registration.align import METHODS
 from ivfmc_ros.registration.align import Verdict
 from ivfmc_ros.registration.merge.bodies import Clamping
 from ivfmc_ros.registration.merge.merge import merge
 from ivfmc_ros.registration.merge.merge import Merged
-from ivfmc_ros.registration.merge.merge import require_one_cell
 from ivfmc_ros.registration.misfit import laser_misfit
 from ivfmc_ros.registration.misfit import Misfit
 from ivfmc_ros.registration.self_calibration.parameters import require_groups
 from ivfmc_ros.registration.self_calibration.refine import refine
-from ivfmc_ros.registration.self_calibration.refine import Refined
+from ivfmc_ros.registration.self_calibration.refine import RefinementResult
 from ivfmc_ros.registration.views import assemble as sweeps
-from ivfmc_ros.registration.views.motion_fit import Motion
+from ivfmc_ros.registration.views.motion_fit import SweepMotion
 from ivfmc_ros.registration.views.motion_fit import refit
 from ivfmc_ros.stopwatch import Stopwatch
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
-from ivfmc_ros.stripe.space_time_stream import stream_of
+from ivfmc_ros.stripe.space_time_stream import create_stream
 from ivfmc_ros.validation import require_in_range
 from ivfmc_ros.validation import require_one_of
 
-# So many pictures are kept to show what was found.
-_SHOWN_PICTURES = 12
-# Points of one surface are at most this many point spacings apart.
-_REACH = 5.0
+# Images with their profiles that are kept for the report's stripe sheet, which has 12 tiles.
+_SAMPLE_IMAGES = 12
+# Points farther apart than this many point spacings belong to different connected components.
+_MAX_POINT_GAP = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
     """
-    How a scan is reconstructed. Lengths are metres.
+    How a scan is reconstructed. Lengths are meters.
 
-    island_least : a piece of surface of fewer points is a flying one
+    island_least : connected components of a view with fewer points are removed as outliers
     registration : table, paper, point_to_plane or joint
     refine : what of the cell the scan may correct: any of poses, axis, angle, lasers
     mesh : how views become a mesh
     export_unit : of the mesh and cloud files: m, mm or inch
+    :raises ParameterError: a value is out of range or not among its choices
     """
 
     acquisition: AcquisitionSettings = field(default_factory=AcquisitionSettings)
@@ -87,47 +88,48 @@ class Settings:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reconstruction:
     """
-    What came out of a scan.
+    Result of a reconstruction.
 
-    samples : about a dozen pictures with the points found in them, to look at
-    motions : how the table turned while each view was taken
-    settings : as used, with what was left to the data decided
-    counts : how much of what each stage saw, kept and dropped
-    seconds : of each stage
-    misfit : how far the lasers see the same surface apart; None if nothing can be compared
-    refined : what the scan told of its cell; None if it was not asked
-    merged : how several scans were brought together; None if it is one
+    samples : up to a dozen images with the profiles found in them, for the report
+    motions : fitted table motion of each view
+    settings : as used, with automatic values replaced by the chosen ones
+    counts : number of images, points, views and faces per stage
+    seconds : duration of each stage
+    misfit : distance between the surfaces that the lasers see; None if they share none
+    refined : self-calibration of the cell; None if it was not requested
+    merged : how several scans were merged; None for a single scan
     """
 
     samples: list[tuple[Frame, Profile]]
     views: list[View]
     poses: Poses
     verdicts: list[Verdict]
-    motions: list[Motion]
+    motions: list[SweepMotion]
     mesh: Mesh
     settings: Settings
     counts: dict[str, int]
     seconds: dict[str, float]
     misfit: Misfit | None = None
-    refined: Refined | None = None
+    refined: RefinementResult | None = None
     merged: Merged | None = None
 
 
-def measure(
+def measure_profiles(
     cell: Cell,
     frames: Iterable[Frame],
     settings: Settings,
     total: int = 0,
-    progress: Progress = silent,
+    progress: Progress = no_progress,
 ) -> list[Profile]:
     """
-    Find the points in the pictures of a scan.
+    Measure the profile of each image of a scan.
 
-    frames : consumed once, one picture at a time; total : how many, for ``progress``
-    :raises CellError: a picture has another size than the calibration
+    frames : consumed once, one image at a time
+    total : number of frames, for ``progress``
+    :raises CellError: an image has another size than the calibration
     """
     profiles: list[Profile] = []
-    for _, profile in _measured(Acquisition(cell, settings.acquisition), frames, Stopwatch()):
+    for _, profile in _acquire(Acquisition(cell, settings.acquisition), frames, Stopwatch()):
         profiles.append(profile)
         progress('profiles', len(profiles), max(total, len(profiles)))
     return profiles
@@ -138,81 +140,81 @@ def reconstruct(
     frames: Iterable[Frame],
     settings: Settings | None = None,
     total: int = 0,
-    progress: Progress = silent,
+    progress: Progress = no_progress,
 ) -> Reconstruction:
     """
-    Turn the pictures of a scan into a mesh.
+    Reconstruct a mesh from the images of a scan.
 
-    frames : consumed once, one picture at a time
-    total : how many frames there are, for ``progress``
-    :raises NoStripeError: no picture shows the stripe in the working volume
-    :raises CellError: a picture has another size than the calibration
+    frames : consumed once, one image at a time
+    total : number of frames, for ``progress``
+    :raises NoStripeError: no image shows the stripe in the working volume
+    :raises CellError: an image has another size than the calibration
     :raises GeometryError: the points make no surface
     """
     settings = settings or Settings()
     watch = Stopwatch()
     acquisition = Acquisition(cell, settings.acquisition)
-    samples = _Samples()
+    samples = _SampleImages()
     profiles = []
-    for frame, profile in _measured(acquisition, frames, watch):
+    for frame, profile in _acquire(acquisition, frames, watch):
         profiles.append(profile)
         samples.add(frame, profile)
         progress('profiles', len(profiles), max(total, len(profiles)))
     settings = replace(settings, acquisition=acquisition.settings)
-    work = _Work(settings=settings, watch=watch, counts=acquisition.counts.as_dict())
-    return _rebuilt(cell, profiles, samples.shown(), work, progress)
+    run = _Run(settings=settings, watch=watch, counts=acquisition.counts.as_dict())
+    return _reconstruct(cell, profiles, samples.chosen(), run, progress)
 
 
-def rebuild(
+def reconstruct_profiles(
     cell: Cell,
     profiles: Sequence[Profile],
     settings: Settings | None = None,
-    progress: Progress = silent,
+    progress: Progress = no_progress,
 ) -> Reconstruction:
     """
-    Turn the profiles of a scan, which were measured and stored before, into a mesh.
+    Reconstruct a mesh from the stored profiles of a scan.
 
     :raises NoStripeError: no profile has a point
     :raises GeometryError: the points make no surface
     """
     points = sum(len(profile) for profile in profiles)
     counts = {'pictures': len(profiles), 'stripe_points': points}
-    work = _Work(settings=settings or Settings(), watch=Stopwatch(), counts=counts)
-    return _rebuilt(cell, profiles, [], work, progress)
+    run = _Run(settings=settings or Settings(), watch=Stopwatch(), counts=counts)
+    return _reconstruct(cell, profiles, [], run, progress)
 
 
 @dataclass(kw_only=True)
-class _Work:
-    """What is carried along from stage to stage."""
+class _Run:
+    """Settings, durations and counts that the stages share."""
 
     settings: Settings
     watch: Stopwatch
     counts: dict[str, int]
 
 
-def _rebuilt(
+def _reconstruct(
     cell: Cell,
     profiles: Sequence[Profile],
     samples: list[tuple[Frame, Profile]],
-    work: _Work,
+    run: _Run,
     progress: Progress,
 ) -> Reconstruction:
     _require_stripe(profiles)
-    settings, watch, counts = work.settings, work.watch, work.counts
+    settings, watch, counts = run.settings, run.watch, run.counts
     with watch.stage('views'):
         progress('views', 0, 1)
-        views, motions, found = views_of(cell, profiles, settings)
+        views, motions, found = assemble_views(cell, profiles, settings)
         counts.update(found)
     with watch.stage('registration'):
         progress('registration', 0, 1)
         refined = refine(cell, views, settings.refine) if settings.refine else None
         if refined is not None:
             cell, views = refined.cell, refined.views
-        poses, verdicts = poses_of(cell, views, settings)
+        poses, verdicts = register_views(views, settings)
         misfit = laser_misfit(views, poses)
     with watch.stage('meshing'):
         progress('meshing', 0, 1)
-        mesh, used = mesh_of(cell, views, poses, settings)
+        mesh, used = mesh_views(cell, views, poses, settings)
     counts.update(views=len(views), vertices=len(mesh.vertices_xyz), faces=len(mesh.faces))
     progress('done', 1, 1)
     return Reconstruction(
@@ -230,43 +232,44 @@ def _rebuilt(
     )
 
 
-def clamping_of(
+def register_clamping(
     name: str, cell: Cell, profiles: Sequence[Profile], settings: Settings
 ) -> Clamping:
     """
-    Return a scan, named for messages, with its views at their places, to be merged with others.
+    Assemble and register the views of one scan that is to be merged with others.
 
+    name : of the scan, for messages
     :raises NoStripeError: no profile has a point
     """
     _require_stripe(profiles)
-    views, _, _ = views_of(cell, profiles, settings)
+    views, _, _ = assemble_views(cell, profiles, settings)
     if settings.refine:
         refined = refine(cell, views, settings.refine)
         cell, views = refined.cell, refined.views
-    poses, _ = poses_of(cell, views, settings)
+    poses, _ = register_views(views, settings)
     return Clamping(name=name, cell=cell, views=views, poses=poses)
 
 
-def join(
-    clampings: Sequence[Clamping], settings: Settings, progress: Progress = silent
+def reconstruct_clampings(
+    clampings: Sequence[Clamping], settings: Settings, progress: Progress = no_progress
 ) -> Reconstruction:
     """
-    Bring several clampings of one part together, and make one mesh, in the frame of the first.
+    Merge several clampings of one part into one mesh, in the frame of the first.
 
-    :raises ParameterError: fewer than two, or of different cells
-    :raises GeometryError: one of them finds no place on the others
-    :raises AmbiguousError: it fits in several ways, or the surface does not hold it
+    The services ``registrar/merge`` and ``mesher/build`` call the same ``merge`` and
+    ``mesh_views``.
+
+    :raises ParameterError: fewer than two clampings, or of different cells
+    :raises GeometryError: the pose of a clamping is not found
+    :raises AmbiguousError: several poses of a clamping fit, or the surface does not determine it
     """
-    require_one_cell(clampings)
     watch = Stopwatch()
     with watch.stage('registration'):
         progress('registration', 0, 1)
         merged = merge(clampings)
-    # a part that was seen from below does not end at the platter
-    settings = replace(settings, mesh=replace(settings.mesh, floor=None))
     with watch.stage('meshing'):
         progress('meshing', 0, 1)
-        mesh, used = mesh_of(clampings[0].cell, merged.views, merged.poses, settings)
+        mesh, used = mesh_views(clampings[0].cell, merged.views, merged.poses, settings)
     progress('done', 1, 1)
     return Reconstruction(
         samples=[],
@@ -289,13 +292,13 @@ def join(
     )
 
 
-def views_of(
+def assemble_views(
     cell: Cell, profiles: Sequence[Profile], settings: Settings
-) -> tuple[list[View], list[Motion], dict[str, int]]:
+) -> tuple[list[View], list[SweepMotion], dict[str, int]]:
     """
-    Put profiles into views: the table's motion is fitted, pieces of flying surface go.
+    Fit the table motion, assemble profiles into views and remove small components.
 
-    returns : the views by number, how the table turned during each, and how many points went
+    returns : the views by number, the motion of each, and how many points were removed
     :raises GeometryError: a view number holds profiles of two lasers
     """
     turned, motions = refit(profiles)
@@ -306,10 +309,10 @@ def views_of(
     return views, motions, {'ramps': ramps, 'islands': steady - kept, 'kept_points': kept}
 
 
-def _measured(
+def _acquire(
     acquisition: Acquisition, frames: Iterable[Frame], watch: Stopwatch
 ) -> Iterator[tuple[Frame, Profile]]:
-    stream = stream_of(acquisition)
+    stream = create_stream(acquisition)
     for frame in watch.each('read', frames):
         with watch.stage('acquisition'):
             measured = stream.add(frame)
@@ -319,31 +322,36 @@ def _measured(
     yield from measured
 
 
-def poses_of(cell: Cell, views: Sequence[View], settings: Settings) -> tuple[Poses, list[Verdict]]:
-    """Find where each view belongs, and how sure that is."""
+def register_views(views: Sequence[View], settings: Settings) -> tuple[Poses, list[Verdict]]:
+    """Return the pose of each view and how well it is determined."""
     return align(views, settings.registration)
 
 
-def mesh_of(
+def mesh_views(
     cell: Cell, views: Sequence[View], poses: Poses, settings: Settings
 ) -> tuple[Mesh, MeshSettings]:
     """
     Make one mesh of all views.
+
+    Views of several clampings show the part from below, too: the platter bounds it in none of
+    them, and ``mesh.floor`` is not used.
 
     returns : the mesh, and the settings as they were used, with ``max_edge``
     :raises GeometryError: the points make no surface
     """
     if not any(math.isfinite(sweeps.spacing(view)) for view in views):
         raise GeometryError(
-            f'views: no piece of surface has {settings.island_least} points that hang together; '
+            f'views: no connected component has {settings.island_least} points; '
             'scan in finer steps or lower island_least'
         )
-    used = replace(settings.mesh, max_edge=settings.mesh.max_edge or usual_edge(views))
+    used = replace(settings.mesh, max_edge=settings.mesh.max_edge or default_max_edge(views))
+    if len({view.clamping for view in views}) > 1:
+        used = replace(used, floor=None)
     return build_mesh(cell, views, poses, used), used
 
 
-class _Samples:
-    """Keeps some of the pictures, evenly, however many come: all of them need gigabytes."""
+class _SampleImages:
+    """Keeps an even selection of a stream of images; all of them would need gigabytes."""
 
     def __init__(self) -> None:
         self._kept: list[tuple[Frame, Profile]] = []
@@ -354,24 +362,24 @@ class _Samples:
         if self._count % self._stride == 0:
             self._kept.append((frame, profile))
         self._count += 1
-        if len(self._kept) > 2 * _SHOWN_PICTURES:
+        if len(self._kept) > 2 * _SAMPLE_IMAGES:
             self._kept = self._kept[::2]
             self._stride *= 2
 
-    def shown(self) -> list[tuple[Frame, Profile]]:
-        return self._kept[:: max(1, math.ceil(len(self._kept) / _SHOWN_PICTURES))]
+    def chosen(self) -> list[tuple[Frame, Profile]]:
+        return self._kept[:: max(1, math.ceil(len(self._kept) / _SAMPLE_IMAGES))]
 
 
 def _require_stripe(profiles: Sequence[Profile]) -> None:
     if not profiles:
-        raise NoStripeError('the scan has no pictures')
+        raise NoStripeError('the scan has no images')
     if not any(len(profile) for profile in profiles):
         raise NoStripeError(
-            f'the stripe is seen in none of the {len(profiles)} pictures; check the laser, the '
+            f'the stripe is visible in none of the {len(profiles)} images; check the laser, the '
             'working volume (radius, bottom, top) and min_contrast'
         )
 
 
 def _without_islands(view: View, settings: Settings) -> View:
-    reach = _REACH * sweeps.spacing(view)
-    return sweeps.without(view, sweeps.islands(view, reach, settings.island_least))
+    max_gap = _MAX_POINT_GAP * sweeps.spacing(view)
+    return sweeps.without(view, sweeps.flying_points(view, max_gap, settings.island_least))

@@ -1,12 +1,12 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How a long job tells how far it is, without knowing who listens."""
+"""Callback by which a long job reports its progress."""
 
 from collections.abc import Callable
 
-# (stage, done, total)
+# (stage, items done, items in total)
 Progress = Callable[[str, int, int], None]
 
 
-def silent(stage: str, done: int, total: int) -> None:
-    """Tell nobody."""
+def no_progress(stage: str, done: int, total: int) -> None:
+    """Ignore the progress; the default callback."""

@@ -17,7 +17,7 @@ import trimesh
 from support.synthetic import Sphere, small_cell, sphere_profiles
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.meshing.io.export import write_solid
-from ivfmc_ros.pipeline import rebuild
+from ivfmc_ros.pipeline import reconstruct_profiles
 from ivfmc_ros.results import write_results
 
 folder = Path(sys.argv[1])
@@ -38,7 +38,7 @@ for name in ('mesh.stl', 'mesh.ply', 'mesh.obj', 'mesh.glb'):
 _RESULTS = """
 cell = small_cell()
 ball = Sphere(np.array([0.004, 0.002, 0.03]), 0.025)
-made = rebuild(cell, sphere_profiles(cell, ball, 40))
+made = reconstruct_profiles(cell, sphere_profiles(cell, ball, 40))
 # neither mesh.stl fits, nor, then, mesh.obj
 for size in (100_000, 5_000_000):
     limited(size, write_results, folder / 'result', cell, made, 'test', {})

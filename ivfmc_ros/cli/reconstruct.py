@@ -7,23 +7,25 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
 
 from ivfmc_ros import files
 from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.cli.support.output import console
+from ivfmc_ros.cli.support.output import json_option
+from ivfmc_ros.cli.support.output import print_json
 from ivfmc_ros.cli.support.progress import progress_bars
 from ivfmc_ros.cli.support.reconstruction_options import reconstruction_options
 from ivfmc_ros.cli.support.reconstruction_options import settings_of
 from ivfmc_ros.cli.support.source import bag_of
 from ivfmc_ros.cli.support.source import open_bag
 from ivfmc_ros.cli.support.source import source_options
-from ivfmc_ros.pipeline import rebuild
 from ivfmc_ros.pipeline import reconstruct as run
+from ivfmc_ros.pipeline import reconstruct_profiles
 from ivfmc_ros.pipeline import Reconstruction
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.results import write_results
-from ivfmc_ros.storage.catalogue import Catalogue
-from ivfmc_ros.storage.stored_scan import retrieve
+from ivfmc_ros.storage.catalogue.catalogue import Catalogue
+from ivfmc_ros.storage.scans.stored_scan import load_profiles
 
 
 @click.command()
@@ -36,19 +38,21 @@ from ivfmc_ros.storage.stored_scan import retrieve
     help='Camera calibration to use instead of the one in the bag.',
 )
 @reconstruction_options
+@json_option
 def reconstruct(
     source: str,
     cell_path: Path | None,
     camera_path: Path | None,
     output: Path,
     root: Path,
+    as_json: bool,
     **options: Any,
 ) -> None:
     """
     Rebuild a part.
 
-    BAG is a folder with metadata.yaml or an .mcap file, whose pictures are measured anew.
-    SCAN_ID is a scan of the catalogue, whose stored points are retrieved through it.
+    BAG is a folder with metadata.yaml or an .mcap file; its pictures are measured again.
+    SCAN_ID is a scan of the catalogue; its stored points are read from its bag.
     """
     settings = settings_of(options)
     files.require_new_folder(output)
@@ -61,7 +65,10 @@ def reconstruct(
     if bag is None:
         counts = {**document['counts'], 'residuals': document['residuals']}
         Catalogue(root).add_result(source, str(output.absolute()), {'counts': counts})
-    say(output, document)
+    if as_json:
+        print_json(document)
+    else:
+        say(output, document)
 
 
 def _from_bag(
@@ -80,34 +87,34 @@ def _from_catalogue(
     camera_path: Path | None,
     settings: Settings,
 ) -> tuple[Reconstruction, Cell, Mapping[str, int]]:
-    profiles, cell = retrieve(root, scan_id, cell_path, camera_path)
+    profiles, cell = load_profiles(root, scan_id, cell_path, camera_path)
     with progress_bars() as progress:
-        return rebuild(cell, profiles, settings, progress), cell, {}
+        return reconstruct_profiles(cell, profiles, settings, progress), cell, {}
 
 
 def say(output: Path, document: Mapping[str, Any]) -> None:
-    """Print what came out and where it is."""
-    console = Console()
+    """Print the result and where its files are."""
+    stdout = console()
     counts = document['counts']
     seconds = sum(document['seconds'].values())
-    console.print(
+    stdout.print(
         f'{counts["pictures"]} pictures, {counts["kept_points"]} points in {counts["views"]} '
         f'view(s), mesh of {counts["faces"]} triangles in {seconds:.1f} s'
     )
     for reason, count in counts['skipped'].items():
-        console.print(f'{count} picture(s) not used: {reason}')
+        stdout.print(f'{count} picture(s) not used: {reason}')
     for name, figures in document.get('deviation_m', {}).items():
-        console.print(
+        stdout.print(
             f'{name} to CAD: rms {figures["rms"] * 1e3:.4f} mm, '
             f'95 % within {figures["p95"] * 1e3:.4f} mm'
         )
     if advice := document.get('lasers', {}).get('advice'):
-        console.print(advice)
+        stdout.print(advice)
     for placed in document.get('merge', [])[1:]:
-        console.print(
+        stdout.print(
             f'{placed["name"]} placed on {", ".join(placed["onto"])}: {placed["overlap"]:.0%} '
             f'overlap, rms {placed["rms"] * 1e3:.4f} mm, 1 sigma {placed["sigma"] * 1e3:.4f} mm'
         )
     for name in ('mesh.stl', 'mesh.png', 'cloud.png', 'stripes.png', 'report.html', 'report.json'):
         if (output / name).exists():
-            console.print(str(output / name), soft_wrap=True, highlight=False)
+            stdout.print(str(output / name), soft_wrap=True)

@@ -1,10 +1,10 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-``registrar``: profiles in, views at their places out.
+Executable ``registrar``: laser profiles to views and their registered poses.
 
-It needs the profiles and nothing else: the motion of the table is fitted to their stamps and
-provisional angles, so that views are the same live and replayed.
+Subscribes to profile; publishes view, view_poses and cloud. The table motion is fitted to the
+stamps and provisional angles of the profiles alone, so that live and replayed views are identical.
 """
 
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ from ivfmc_ros.nodes.convert import clouds
 from ivfmc_ros.nodes.convert import poses
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.base import run
-from ivfmc_ros.nodes.framework.futures import Waiting
+from ivfmc_ros.nodes.framework.futures import Waiter
 from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.nodes.processing import worker_jobs
 from ivfmc_ros.nodes.processing.cell_source import CellSource
@@ -37,32 +37,35 @@ from ivfmc_ros.registration.arrivals import Arrivals
 from ivfmc_ros.worker import Job
 from ivfmc_ros.worker import Worker
 
-# Seconds that profiles may take from one node to the other.
+# Seconds that profiles may arrive after the request to register them.
 _LATE_S = 5.0
+# Kinds of conditions.
+_TOO_MANY = 'profiles refused'
+_MISSING = 'profiles missing'
 
 
 class Registrar(CellNode):
-    """Collects the profiles of a scan, and on ``register`` makes views of them."""
+    """Collects the profiles of a scan and registers their views on request."""
 
     def __init__(self) -> None:
         super().__init__('registrar')
-        self.parameter('scan_id', '', 'Name of the scan; another one begins without profiles.')
+        self.parameter('scan_id', '', 'Id of the scan; a new one discards the profiles.')
         self.parameter(
             'expected',
             0,
-            'Profiles of the scan, for which register waits; 0: it takes those that have come.',
+            'Number of profiles that register waits for; 0: those received so far.',
             low=0,
             high=10_000_000,
         )
         self.parameter(
             'most_profiles',
             50_000,
-            'Profiles that are kept at most, some 35 kB each; register refuses if more came.',
+            'Maximum number of profiles, about 35 kB each; register fails if more were received.',
             low=1,
             high=10_000_000,
         )
         self.parameter(
-            'merge', [], 'Ids of the scans that the service merge brings together.', kind=str
+            'merge', [], 'Ids of the scans that the service merge registers together.', kind=str
         )
         self.parameter('scan_root', 'scans', 'Folder of the scans, for merge.')
         self._settings = self.settings(
@@ -74,16 +77,16 @@ class Registrar(CellNode):
         self._profiles: dict[int, Profile] = {}
         self._refused = 0
         self._stamp_ns = 0
-        self._round = 0
+        self._registrations = 0
         self._arrivals = Arrivals()
         self._busy = False
         self._worker = Worker()
-        self._waiting = Waiting(self)
+        self._waiter = Waiter(self)
         self.changed(self._change)
         self._views = self.publish_on(PointCloud2, 'view')
         self._poses = self.publish_on(PoseArray, 'view_poses')
         self._cloud = self.publish_on(PointCloud2, 'cloud')
-        self.subscribe(PointCloud2, 'profile', self._take_profile)
+        self.subscribe(PointCloud2, 'profile', self._receive_profile)
         self.trigger('reset', self._reset)
         self.trigger('register', self._register)
         self.trigger('merge', self._merge)
@@ -98,48 +101,50 @@ class Registrar(CellNode):
         if 'scan_id' in names:
             self._reset()
 
-    def _take_profile(self, message: PointCloud2) -> None:
+    def _receive_profile(self, message: PointCloud2) -> None:
         profile = clouds.to_profile(message, 'profile')
         if profile.seq == 0 and self._profiles:
-            # seq 0 begins a scan, whoever forgot to say so
-            self._forget()
+            # seq 0 is the start of a scan, also without a reset
+            self._discard_profiles()
         if len(self._profiles) >= self.get('most_profiles'):
-            # a laser that shines while nobody scans must not fill the memory
+            # a laser that stays on without a scan must not fill the memory
             self._refused += 1
             return
         self._profiles[profile.seq] = profile
         self._stamp_ns = max(self._stamp_ns, profile.stamp_ns) if profile.seq else profile.stamp_ns
         if self.get('registration') == 'joint' and self._arrivals.add(profile):
-            self.executor.create_task(self._place)
+            self.executor.create_task(self._register_incrementally)
 
-    async def _place(self) -> None:
-        """Place the views that have ended, one after the other; the joint solution comes later."""
+    async def _register_incrementally(self) -> None:
+        """Register views one by one as they are completed, for a preview of the final poses."""
         arrivals = self._arrivals
         if not self._source.complete or not arrivals.begin():
             return
         try:
             while profiles := arrivals.next():
                 cell, settings = self._source.cell(), self._settings()
-                views, _, _ = await self.in_thread(pipeline.views_of, cell, profiles, settings)
+                views, _, _ = await self.in_thread(
+                    pipeline.assemble_views, cell, profiles, settings
+                )
                 await self.in_thread(arrivals.place, views)
                 if arrivals is self._arrivals and not self._busy:
-                    # not the stamp of what is final: a mesher would take the views for these
-                    first_look = poses.from_placed(arrivals.poses, self._stamp_ns - 1)
-                    self._poses.publish(first_look)
-            self.health.clear('placing')
-        except Exception as error:  # it is a first look; registering tells all
-            self.trouble('placing', error)
+                    # another stamp than the final poses, or a mesher would combine them with views
+                    preview = poses.from_transforms(arrivals.poses, self._stamp_ns - 1)
+                    self._poses.publish(preview)
+            self.health.clear_fault('preview')
+        except Exception as error:  # only a preview; ``register`` reports all errors
+            self.fault('preview', error)
         finally:
             arrivals.end()
 
     def _reset(self) -> Mapping[str, Any]:
         dropped = len(self._profiles)
-        self._forget()
-        self._round = 0
+        self._discard_profiles()
+        self._registrations = 0
         self._source.reload()
         return {'dropped_profiles': dropped}
 
-    def _forget(self) -> None:
+    def _discard_profiles(self) -> None:
         self._profiles, self._refused = {}, 0
         self._arrivals = Arrivals()
 
@@ -162,44 +167,44 @@ class Registrar(CellNode):
 
     async def _work(self, job: Job, *arguments: Any) -> Any:
         if self._busy:
-            raise BusyError('registrar: views are being registered or scans merged')
+            raise BusyError('registrar: a registration or merge is running already')
         self._busy = True
         try:
             return await self.in_thread(self._worker.run, job, *arguments)
         finally:
             self._busy = False
 
-    async def _await_profiles(self) -> None:
-        """:raises LostProfilesError: fewer have come than the scan has."""
+    async def _wait_for_profiles(self) -> None:
+        """:raises LostProfilesError: fewer profiles were received than ``expected``."""
         expected = self.get('expected')
-        # a request can overtake what was published before it
+        # a service request can arrive before profiles that were published earlier
         try:
-            await self._waiting.until(lambda: len(self._profiles) >= expected, _LATE_S, 'profiles')
+            await self._waiter.until(lambda: len(self._profiles) >= expected, _LATE_S, 'profiles')
         except TimeoutExceededError as error:
             raise LostProfilesError(
-                f'registrar: {len(self._profiles)} of {expected} profiles have come; if they are '
+                f'registrar: received {len(self._profiles)} of {expected} profiles; if they are '
                 'in the bag, ivfmc reconstruct makes the mesh'
             ) from error
 
     async def _register(self) -> Mapping[str, Any]:
-        await self._await_profiles()
+        await self._wait_for_profiles()
         if not self._profiles:
             topic = self.resolve_topic_name('profile')
-            raise NoStripeError(f'registrar: no profile has come on {topic} since the last reset')
+            raise NoStripeError(f'registrar: no profile received on {topic} since the last reset')
         if self._refused:
             raise LostProfilesError(
-                f'registrar: {self._refused} profiles came after the first {len(self._profiles)} '
-                'and were not kept; call reset, or raise most_profiles'
+                f'registrar: {self._refused} profiles were received after the first '
+                f'{len(self._profiles)} and not kept; call reset, or raise most_profiles'
             )
-        # what is being placed must not come after what is final
+        # no preview after the final poses
         self._arrivals = Arrivals()
         profiles = [self._profiles[seq] for seq in sorted(self._profiles)]
         made = await self._work(
             worker_jobs.register, self._source.cell(), profiles, self._settings()
         )
-        self._publish(made.views, made.poses, self._stamp_ns + self._round)
-        # registered again, perhaps otherwise, it must not be taken for what was before
-        self._round += 1
+        self._publish(made.views, made.poses, self._stamp_ns + self._registrations)
+        # another stamp when registered again: the mesher must not mix the results
+        self._registrations += 1
         return {
             'scan_id': self.get('scan_id'),
             'missing_profiles': _missing(self._profiles),
@@ -212,23 +217,27 @@ class Registrar(CellNode):
         }
 
     def _publish(self, views: list[View], places: Poses, stamp_ns: int) -> None:
-        # one stamp for all, by which the mesher knows what belongs together
+        # one stamp for all, by which the mesher associates views and poses
         for view in views:
             self._views.publish(clouds.from_view(view, stamp_ns))
         self._poses.publish(poses.from_poses(views, places, stamp_ns))
         self._cloud.publish(clouds.from_views(views, places, stamp_ns))
 
     def before_diagnosis(self) -> None:
-        """Tell what has been collected."""
+        """Publish the number of profiles, and which of them are missing or refused."""
         missing = _missing(self._profiles)
-        level, message = Level.OK, ''
         if self._refused:
-            level, message = Level.ERROR, f'{self._refused} profiles beyond most_profiles refused'
-        elif missing:
-            level, message = Level.WARN, f'{missing} profiles are missing'
+            text = f'{self._refused} profiles beyond most_profiles refused; call reset'
+            self.health.set(_TOO_MANY, 'profile', Level.ERROR, text, 'profiles are kept again')
+        else:
+            self.health.clear(_TOO_MANY, 'profile')
+        if missing:
+            text = f'{missing} profiles are missing'
+            self.health.set(_MISSING, 'profile', Level.WARN, text, 'no profile is missing')
+        else:
+            self.health.clear(_MISSING, 'profile')
         self.status(
-            level,
-            message,
+            '',
             profiles=len(self._profiles),
             refused=self._refused,
             placed=len(self._arrivals.poses),
@@ -238,7 +247,7 @@ class Registrar(CellNode):
 
 
 def _missing(profiles: Mapping[int, Profile]) -> int:
-    """Return how many of the profiles up to the last one have not come."""
+    """Return how many profiles below the highest number were not received."""
     return max(profiles, default=-1) + 1 - len(profiles)
 
 

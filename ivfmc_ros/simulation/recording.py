@@ -7,9 +7,9 @@ from pathlib import Path
 
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.model import Frame
+from ivfmc_ros.progress import no_progress
 from ivfmc_ros.progress import Progress
-from ivfmc_ros.progress import silent
-from ivfmc_ros.storage.bag.writer import BagWriter
+from ivfmc_ros.storage.bag.writer import create_bag
 
 # longer than it takes to switch, shorter than the pause between two exposures
 _SETTLING_NS = 5_000_000
@@ -20,7 +20,7 @@ def record_scan(
     cell: Cell,
     frames: Iterable[Frame],
     total: int = 0,
-    progress: Progress = silent,
+    progress: Progress = no_progress,
 ) -> None:
     """
     Write a bag of pictures, camera_info, joint_states and laser_states.
@@ -30,7 +30,7 @@ def record_scan(
     :raises FileError: the folder has files already, or cannot be written
     """
     lit = None
-    with BagWriter(folder, compress=False) as bag:
+    with create_bag(folder, compress=False) as bag:
         for count, frame in enumerate(frames, start=1):
             if frame.laser != lit:
                 lit = frame.laser

@@ -21,7 +21,7 @@ from ivfmc_ros.cell.camera_file import save_camera
 from ivfmc_ros.nodes.convert import clouds
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
-from ivfmc_ros.stripe.sampling import SampledAcquisition
+from ivfmc_ros.stripe.stream import StreamAcquisition
 
 
 @pytest.fixture(scope='session')
@@ -33,7 +33,7 @@ def camera_file(cell, tmp_path_factory):
 
 @pytest.fixture(scope='session')
 def profiles(cell, frames):
-    stream = SampledAcquisition(Acquisition(cell, AcquisitionSettings()))
+    stream = StreamAcquisition(Acquisition(cell, AcquisitionSettings()))
     found = []
     for seq, frame in enumerate(frames):
         found += stream.add(type(frame)(**{**vars(frame), 'seq': seq, 'stamp_ns': 1000 + seq}))
@@ -76,7 +76,7 @@ def test_live_views_are_those_of_the_pipeline_and_become_a_mesh(
         # a mesher must not take the views of before for these
         assert found[3].header.stamp == placed.pop().header.stamp != found[1].header.stamp
         del found[2:]
-    expected, _, counts = pipeline.views_of(cell, profiles, pipeline.Settings())
+    expected, _, counts = pipeline.assemble_views(cell, profiles, pipeline.Settings())
     assert registered['counts']['kept_points'] == counts['kept_points']
     assert registered['missing_profiles'] == 0
     for message, view in zip(found, expected, strict=True):

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of a board: which of them show it, and where."""
+"""Board detection in a set of pictures, in parallel; pictures without the board are listed."""
 
 from collections.abc import Callable
 from collections.abc import Sequence
@@ -19,19 +19,20 @@ from ivfmc_ros.errors import CalibrationError
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.model import Image
 from ivfmc_ros.pictures import read_picture
+from ivfmc_ros.progress import no_progress
 from ivfmc_ros.progress import Progress
-from ivfmc_ros.progress import silent
 
-_Seen = TypeVar('_Seen')
+_Result = TypeVar('_Result')
 
-# Fewer corners of a partial board, or corners in a line, do not determine its pose.
+# Least number of corners for a pose of 6 parameters with residuals to judge it by.
 MIN_CORNERS = 8
+# Least ratio of the two singular values of the corners: collinear ones leave the pose open.
 _MIN_SPREAD = 0.05
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class View:
-    """A picture that shows the board."""
+class BoardView:
+    """A picture in which the board was detected."""
 
     path: Path
     corners: Corners
@@ -39,25 +40,26 @@ class View:
     @property
     def name(self) -> str:
         """Folder and file: pictures of several folders may have the same file names."""
-        return name_of(self.path)
+        return picture_name(self.path)
 
 
-def name_of(path: Path) -> str:
-    """Return how a picture is named in reports."""
+def picture_name(path: Path) -> str:
+    """Return the name of a picture in reports: folder and file."""
     return f'{path.parent.name}/{path.name}'
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Views:
+class BoardViews:
     """
-    What the pictures of a folder show.
+    Board detections in a set of pictures.
 
-    size : (width, height) of every picture
-    without : pictures on which the board was not found
+    found : pictures with the board
+    missed : pictures in which the board was not detected
+    size : (width, height) of every picture, pixels
     """
 
-    found: tuple[View, ...]
-    without: tuple[Path, ...]
+    found: tuple[BoardView, ...]
+    missed: tuple[Path, ...]
     size: tuple[int, int]
 
 
@@ -65,44 +67,48 @@ def find_views(
     board: Board,
     pictures: Sequence[Path],
     size: tuple[int, int] | None = None,
-    progress: Progress = silent,
+    progress: Progress = no_progress,
     *,
-    lit: bool = False,
-) -> Views:
+    with_stripe: bool = False,
+) -> BoardViews:
     """
-    Look for ``board`` in pictures.
+    Detect ``board`` in pictures.
 
     size : (width, height) that every picture must have; None for that of the first
-    lit : whether a stripe is on the board
+    with_stripe : whether the laser stripe is on the board
     :raises FileError: a picture cannot be read or has another size
     :raises CalibrationError: no picture shows the board
     """
     size = size or picture_size(pictures[0])
 
-    def look(path: Path) -> Corners | None:
-        corners = find_corners(board, read_sized(path, size), lit=lit)
-        return corners if corners is not None and _determines_pose(board, corners) else None
+    def detect(path: Path) -> Corners | None:
+        corners = find_corners(board, read_sized(path, size), with_stripe=with_stripe)
+        return corners if corners is not None and _constrains_pose(board, corners) else None
 
-    seen = for_each_picture(look, pictures, 'board', progress)
-    pairs = list(zip(pictures, seen, strict=True))
-    found = tuple(View(path=path, corners=corners) for path, corners in pairs if corners)
+    corners_by_picture = for_each_picture(detect, pictures, 'board', progress)
+    detections = list(zip(pictures, corners_by_picture, strict=True))
+    found = tuple(BoardView(path=path, corners=corners) for path, corners in detections if corners)
     if not found:
         raise CalibrationError(
             f'{pictures[0].parent}: none of {len(pictures)} pictures shows {board}; '
             'check --board: kind, number of columns and rows'
         )
-    without = tuple(path for path, corners in pairs if not corners)
-    return Views(found=found, without=without, size=size)
+    missed = tuple(path for path, corners in detections if not corners)
+    return BoardViews(found=found, missed=missed, size=size)
 
 
 def for_each_picture(
-    look: Callable[[Path], _Seen], pictures: Sequence[Path], stage: str, progress: Progress
-) -> list[_Seen]:
-    """Call ``look`` on every picture, on all processors (OpenCV frees them while it works)."""
-    results: list[_Seen] = []
+    process: Callable[[Path], _Result], pictures: Sequence[Path], stage: str, progress: Progress
+) -> list[_Result]:
+    """
+    Call ``process`` for every picture, in one thread per processor; return the results in order.
+
+    OpenCV releases the GIL, so that threads run in parallel.
+    """
+    results: list[_Result] = []
     with ThreadPoolExecutor(os.cpu_count() or 1) as threads:
         try:
-            for result in threads.map(look, pictures):
+            for result in threads.map(process, pictures):
                 results.append(result)
                 progress(stage, len(results), len(pictures))
         except BaseException:
@@ -115,7 +121,7 @@ def picture_size(path: Path) -> tuple[int, int]:
     """
     Return (width, height) of a picture.
 
-    :raises FileError: it cannot be read
+    :raises FileError: the picture cannot be read
     """
     height, width = read_picture(path).shape[:2]
     return width, height
@@ -125,7 +131,7 @@ def read_sized(path: Path, size: tuple[int, int]) -> Image:
     """
     Read a picture that must be ``size`` (width, height).
 
-    :raises FileError: it cannot be read or has another size
+    :raises FileError: the picture cannot be read or has another size
     """
     image = read_picture(path)
     if image.shape[1::-1] != size:
@@ -136,7 +142,7 @@ def read_sized(path: Path, size: tuple[int, int]) -> Image:
     return image
 
 
-def _determines_pose(board: Board, corners: Corners) -> bool:
+def _constrains_pose(board: Board, corners: Corners) -> bool:
     if len(corners) < MIN_CORNERS:
         return False
     xy = board.corners_xyz[corners.ids, :2]

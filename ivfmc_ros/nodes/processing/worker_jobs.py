@@ -1,6 +1,10 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The long jobs of registrar and mesher, as their worker does them. No ROS."""
+"""
+The long jobs of registrar and mesher, run in a child process (``worker``). No ROS.
+
+Open3D holds the GIL for most of a call; in the process of a node it would stop the heartbeat.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +16,7 @@ from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import NoStripeError
 from ivfmc_ros.inspection.reports.scan_page import mesh_figures
-from ivfmc_ros.meshing.filters.vertex_clustering import thinned
+from ivfmc_ros.meshing.filters.vertex_clustering import cluster_vertices
 from ivfmc_ros.meshing.io import export
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
@@ -24,34 +28,38 @@ from ivfmc_ros.registration.merge.merge import merge
 from ivfmc_ros.registration.merge.merge import require_several
 from ivfmc_ros.registration.misfit import laser_misfit
 from ivfmc_ros.registration.misfit import Misfit
-from ivfmc_ros.registration.views.motion_fit import Motion
+from ivfmc_ros.registration.views.motion_fit import SweepMotion
 from ivfmc_ros.results import merging
 from ivfmc_ros.stopwatch import Stopwatch
 from ivfmc_ros.storage.scans.stored_scan import load_profiles
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Registered:
-    """Views at their places, and how that was found."""
+class RegisteredViews:
+    """
+    Views with their poses, and how they were found.
+
+    counts : of profiles, views and points; seconds : duration of each step
+    """
 
     views: list[View]
     poses: Poses
     verdicts: list[Verdict]
-    motions: list[Motion]
+    motions: list[SweepMotion]
     misfit: Misfit | None
     counts: dict[str, int]
     seconds: dict[str, float]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Built:
+class BuiltMesh:
     """
-    A mesh that is on disk, as far as it is shown.
+    A mesh, decimated for display, and the files of the full mesh.
 
-    vertices_xyz, faces : (n, 3) metres and (m, 3), thinned out for display
-    max_edge : metres, of a triangle between neighbours
+    vertices_xyz, faces : (n, 3) metres and (m, 3) vertex indices, decimated
+    max_edge : longest edge of a triangle between neighboring points, metres
     surface : which faces were measured, and where the mesh is open
-    paths : of the files, by their suffix
+    paths : of the files, by suffix
     """
 
     vertices_xyz: Floats
@@ -63,12 +71,14 @@ class Built:
     seconds: dict[str, float]
 
 
-def register(cell: Cell, profiles: Sequence[Profile], settings: pipeline.Settings) -> Registered:
+def register(
+    cell: Cell, profiles: Sequence[Profile], settings: pipeline.Settings
+) -> RegisteredViews:
     """
-    Put profiles into views and find the place of each.
+    Assemble profiles into views and register the views.
 
     :raises NoStripeError: no profile has a point
-    :raises GeometryError: a view number holds profiles of two lasers
+    :raises GeometryError: a view has profiles of two lasers
     """
     if not any(len(profile) for profile in profiles):
         raise NoStripeError(f'none of the {len(profiles)} profiles has a point')
@@ -78,7 +88,7 @@ def register(cell: Cell, profiles: Sequence[Profile], settings: pipeline.Setting
     with watch.stage('registration'):
         poses, verdicts = pipeline.register_views(views, settings)
         misfit = laser_misfit(views, poses)
-    return Registered(
+    return RegisteredViews(
         views=views,
         poses=poses,
         verdicts=verdicts,
@@ -90,11 +100,11 @@ def register(cell: Cell, profiles: Sequence[Profile], settings: pipeline.Setting
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Joined:
+class MergedScans:
     """
-    Clampings in the frame of the first.
+    Views of several clampings in the frame of the first.
 
-    placed : of each scan, as the report of a merge has it
+    placed : pose and quality of each scan, as in the report of a merge
     """
 
     views: list[View]
@@ -103,15 +113,15 @@ class Joined:
     seconds: dict[str, float]
 
 
-def merge_scans(root: str, scan_ids: Sequence[str], settings: pipeline.Settings) -> Joined:
+def merge_scans(root: str, scan_ids: Sequence[str], settings: pipeline.Settings) -> MergedScans:
     """
-    Bring stored scans of one part together.
+    Register stored scans of one part to each other.
 
     root : folder of the scans
-    :raises ParameterError: fewer than two scans, one twice, or of different cells
+    :raises ParameterError: fewer than two scans, a scan twice, or scans of different cells
     :raises CatalogueError: there is no such scan
-    :raises GeometryError: one of them finds no place on the others
-    :raises AmbiguousError: it fits in several ways
+    :raises GeometryError: no pose of a scan relative to the others was found
+    :raises AmbiguousError: several poses of a scan fit equally well
     """
     require_several(scan_ids)
     watch = Stopwatch()
@@ -123,7 +133,7 @@ def merge_scans(root: str, scan_ids: Sequence[str], settings: pipeline.Settings)
             clampings.append(pipeline.register_clamping(scan_id, cell, profiles, settings))
     with watch.stage('registration'):
         merged = merge(clampings)
-    return Joined(
+    return MergedScans(
         views=merged.views,
         poses=merged.poses,
         placed=merging(merged),
@@ -139,14 +149,14 @@ def build(
     folder: str,
     suffixes: Sequence[str],
     triangles: int,
-) -> Built:
+) -> BuiltMesh:
     """
-    Make a mesh of views, and files of it where a folder is named.
+    Build the mesh of registered views, and write its files into ``folder`` unless that is ''.
 
     suffixes : of the files, such as stl
-    triangles : shown at most
-    :raises GeometryError: the points make no surface
-    :raises FileError: a file is there already, or cannot be written
+    triangles : maximum number for display
+    :raises GeometryError: the points determine no surface
+    :raises FileError: a file exists already, or cannot be written
     """
     paths = {suffix: Path(folder) / f'mesh.{suffix}' for suffix in suffixes if folder}
     for path in paths.values():
@@ -159,8 +169,8 @@ def build(
         for path in paths.values():
             export.write_mesh(path, mesh, settings.export_unit)
     with watch.stage('display'):
-        vertices, faces = thinned(mesh.vertices_xyz, mesh.faces, triangles)
-    return Built(
+        vertices, faces = cluster_vertices(mesh.vertices_xyz, mesh.faces, triangles)
+    return BuiltMesh(
         vertices_xyz=vertices,
         faces=faces,
         max_edge=used.max_edge,
@@ -174,7 +184,3 @@ def build(
         paths={suffix: str(path) for suffix, path in paths.items()},
         seconds=watch.seconds,
     )
-
-
-def load() -> None:
-    """Do nothing: that the worker has got this far is what a node waits for."""

@@ -1,6 +1,10 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A whole clamping as one rigid piece of surface, and from where it was seen."""
+"""
+The surface of a clamping as surfels, viewing directions and holes.
+
+All views of a scan are transformed by their poses and joined to one rigid surface.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,26 +18,29 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
-from ivfmc_ros.registration.merge.holes import Bore
-from ivfmc_ros.registration.merge.holes import find_bores
-from ivfmc_ros.registration.merge.line_segments import strokes_of
-from ivfmc_ros.registration.merge.line_segments import strokes_together
-from ivfmc_ros.registration.solver.downsample import common_edge
+from ivfmc_ros.registration.merge.holes import find_holes
+from ivfmc_ros.registration.merge.holes import Hole
+from ivfmc_ros.registration.merge.line_segments import concatenate
+from ivfmc_ros.registration.merge.line_segments import extract_line_segments
+from ivfmc_ros.registration.solver.downsample import common_voxel_size
 from ivfmc_ros.registration.solver.downsample import sample
-from ivfmc_ros.registration.solver.surfels import fit_patches
+from ivfmc_ros.registration.solver.surfels import fit_surfels
 from ivfmc_ros.registration.solver.surfels import joined
-from ivfmc_ros.registration.solver.surfels import Patches
-from ivfmc_ros.registration.views.assemble import sight_of
+from ivfmc_ros.registration.solver.surfels import Surfels
+from ivfmc_ros.registration.views.assemble import viewing_vectors
 
-_LEAST_PATCHES = 200
+# Fewer surfels do not determine a pose by point pair features and their overlap.
+_MIN_SURFELS = 200
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Clamping:
     """
-    One scan of a part: views at their places, in its own ``turntable``.
+    One scan of a part, which is clamped on the table in one way.
 
-    name : for messages; cell : the one that the views were made with
+    name : of the scan, for messages
+    cell : that the views were made with
+    views, poses : registered, in the frame ``turntable`` of this scan
     """
 
     name: str
@@ -43,87 +50,89 @@ class Clamping:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Body:
+class ClampedSurface:
     """
-    The surface of one clamping.
+    The surface that the views of one or several clampings show.
 
-    patches : normals towards the camera; sight : (n, 3) unit, from the patches to the camera
-    bores : round holes, whose walls are too narrow for patches
+    surfels : n, with normals towards the camera
+    sight : (n, 3) unit vectors from the surfels to the camera
+    holes : round holes; their walls are too narrow for surfels
     """
 
     name: str
-    patches: Patches
+    surfels: Surfels
     sight: Floats
-    bores: tuple[Bore, ...] = ()
+    holes: tuple[Hole, ...] = ()
 
     def __len__(self) -> int:
-        return len(self.patches)
+        return len(self.surfels)
 
-    def moved(self, T: Floats) -> 'Body':
-        """Return the body moved by a rigid (4, 4) matrix."""
+    def transformed(self, T: Floats) -> 'ClampedSurface':
+        """Return the surface transformed by a rigid (4, 4) matrix."""
         return replace(
             self,
-            patches=self.patches.posed(T),
+            surfels=self.surfels.posed(T),
             sight=self.sight @ T[:3, :3].T,
-            bores=tuple(bore.moved(T) for bore in self.bores),
+            holes=tuple(hole.transformed(T) for hole in self.holes),
         )
 
-    def thinned(self, edge: float) -> 'Body':
-        """Return one patch for each cube of ``edge`` metres."""
-        cube = np.floor(self.patches.points_xyz / edge).astype(np.int64)
+    def downsampled(self, voxel: float) -> 'ClampedSurface':
+        """Return one surfel per cube of ``voxel`` meters."""
+        cube = np.floor(self.surfels.points_xyz / voxel).astype(np.int64)
         _, first = np.unique(cube, axis=0, return_index=True)
-        return self.chosen(np.sort(first))
+        return self.selected(np.sort(first))
 
-    def chosen(self, which: Ints) -> 'Body':
-        """Return some of the patches."""
-        return replace(self, patches=self.patches.chosen(which), sight=self.sight[which])
+    def selected(self, index: Ints) -> 'ClampedSurface':
+        """Return the surfels of the given indices, and all holes."""
+        return replace(self, surfels=self.surfels.chosen(index), sight=self.sight[index])
 
 
-def bodies_of(clampings: Sequence[Clamping]) -> tuple[list[Body], float]:
+def clamping_surfaces(clampings: Sequence[Clamping]) -> tuple[list[ClampedSurface], float]:
     """
-    Return the surface of each clamping, and how far patches are apart, metres.
+    Return the surface of each clamping, and the spacing of the surfels in meters.
 
     :raises GeometryError: a clamping has too little surface
     """
-    edge = common_edge([view for clamping in clampings for view in clamping.views])
-    bodies = []
+    spacing = common_voxel_size([view for clamping in clampings for view in clamping.views])
+    surfaces = []
     for clamping in clampings:
-        body = _body(clamping, edge) if np.isfinite(edge) else None
-        if body is None or len(body) < _LEAST_PATCHES:
-            found = 0 if body is None else len(body)
+        surface = _surface(clamping, spacing) if np.isfinite(spacing) else None
+        if surface is None or len(surface) < _MIN_SURFELS:
+            found = 0 if surface is None else len(surface)
             raise GeometryError(
-                f'merge: {clamping.name}: only {found} pieces of surface; {_LEAST_PATCHES} are '
-                'needed to find where it belongs'
+                f'merge: {clamping.name}: only {found} surfels; {_MIN_SURFELS} are needed to find '
+                'its pose'
             )
-        bodies.append(body)
-    return bodies, edge
+        surfaces.append(surface)
+    return surfaces, spacing
 
 
-def together(bodies: Sequence[Body]) -> Body:
-    """Return several bodies as one."""
-    return Body(
-        name=' and '.join(body.name for body in bodies),
-        patches=joined([body.patches for body in bodies]),
-        sight=np.concatenate([body.sight for body in bodies]),
-        bores=tuple(bore for body in bodies for bore in body.bores),
+def union(surfaces: Sequence[ClampedSurface]) -> ClampedSurface:
+    """Return several surfaces as one."""
+    return ClampedSurface(
+        name=' and '.join(surface.name for surface in surfaces),
+        surfels=joined([surface.surfels for surface in surfaces]),
+        sight=np.concatenate([surface.sight for surface in surfaces]),
+        holes=tuple(hole for surface in surfaces for hole in surface.holes),
     )
 
 
-def _body(clamping: Clamping, edge: float) -> Body | None:
-    parts, strokes = [], []
+def _surface(clamping: Clamping, spacing: float) -> ClampedSurface | None:
+    parts, segments = [], []
     posed = zip(clamping.views, clamping.poses.turntable_from_view, strict=True)
     for view, T in posed:
-        thin = sample(view, edge)
-        sight = sight_of(clamping.cell, view)
-        # which side was seen is known by the camera: the grid's sense changes beyond the axis
-        thin = replace(thin, outward=thin.means(sight))
-        patches = fit_patches(thin, edge)
-        towards = thin.outward[patches.sample]
+        samples = sample(view, spacing)
+        sight = viewing_vectors(clamping.cell, view)
+        # the sense of grid normals changes beyond the axis; the camera always sees the outside
+        samples = replace(samples, outward=samples.means(sight))
+        surfels = fit_surfels(samples, spacing)
+        towards = samples.outward[surfels.sample]
         towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
-        parts.append(Body(name=clamping.name, patches=patches, sight=towards).moved(T))
-        strokes.append(strokes_of(view, sight, edge).posed(T))
+        part = ClampedSurface(name=clamping.name, surfels=surfels, sight=towards)
+        parts.append(part.transformed(T))
+        segments.append(extract_line_segments(view, sight, spacing).transformed(T))
     if not parts:
         return None
-    body = replace(together(parts), name=clamping.name)
-    left = strokes_together(strokes).beside(body.patches, edge)
-    return replace(body, bores=find_bores(left, body.patches, edge))
+    surface = replace(union(parts), name=clamping.name)
+    beside = concatenate(segments).without_surfels(surface.surfels, spacing)
+    return replace(surface, holes=find_holes(beside, surface.surfels, spacing))

@@ -1,10 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Round holes: narrow walls that say where they are better than any patch of theirs would.
+Round holes: circles fitted to line segments on their walls.
 
-A hole is drilled square to a plane face. Its wall is a circle along that face's normal, and what
-one scan sees of one end and another scan of the other end is the same circle.
+A hole is assumed to be drilled square to a plane face. Seen along the face's normal, its wall is
+a circle; two scans that look into the two ends of a through hole see the same circle. The circle
+is found by RANSAC (Fischler and Bolles 1981) and refined by Gauss-Newton.
 """
 
 from collections.abc import Iterator
@@ -18,142 +19,151 @@ from scipy.spatial import cKDTree
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
-from ivfmc_ros.registration.merge.line_segments import Strokes
-from ivfmc_ros.registration.solver.surfels import Patches
+from ivfmc_ros.registration.merge.line_segments import LineSegments
+from ivfmc_ros.registration.solver.surfels import Surfels
 
-# Strokes this near hang together, and radii of holes, in patch spacings.
-_LINK, _RADII = 2.5, (0.7, 6.0)
-# A wall needs so many strokes, over so much of the circle.
-_LEAST, _ARC = 8, np.radians(40.0)
-# And most of what hangs together.
-_MOST_OF = 0.5
-# They lie on it within so many sigmas of a point, and run along it.
-_WITHIN, _ALONG = 4.0, 0.35
+# Segments nearer than this are connected, and the accepted radii, in surfel spacings: a smaller
+# hole has too few segments, the wall of a larger one has surfels.
+_CONNECTED, _RADII = 2.5, (0.7, 6.0)
+# Least number of segments on a wall, least arc they must cover, and least fraction of their
+# connected component.
+_MIN_SEGMENTS, _MIN_ARC, _MIN_FRACTION = 8, np.radians(40.0), 0.5
+# A segment lies on the wall within this many sigmas of a point, and runs along it within this
+# cosine between its direction and the radius.
+_WALL_SIGMAS, _RADIAL_COSINE = 4.0, 0.35
+# Random triples of segments that RANSAC draws.
 _DRAWS = 200
-# Faces whose normals are alike (cosine) are one direction; it counts with this share of patches.
-_ONE, _SHARE = 0.999, 0.05
-_FIT_ROUNDS = 10
+# Normals with a greater cosine belong to one face direction, which needs this fraction of the
+# surfels.
+_SAME_DIRECTION, _MIN_FACE = 0.999, 0.05
+_FIT_ITERATIONS = 10
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Bore:
+class Hole:
     """
-    What is seen of a round hole.
+    The visible part of a round hole.
 
-    points_xyz : (n, 3) metres, of its wall; axis : (3,) unit; centre : (3,) metres, on the axis
-    radius : metres; sigma : metres, of a point
+    points_xyz : (n, 3) meters, centers of the line segments on its wall
+    axis : (3,) unit vector
+    center : (3,) meters, point on the axis
+    radius : meters
+    sigma : meters, 1 sigma of a measured point
     """
 
     points_xyz: Floats
     axis: Floats
-    centre: Floats
+    center: Floats
     radius: float
     sigma: float
 
-    def moved(self, T: Floats) -> 'Bore':
-        """Return the hole moved by a rigid (4, 4) matrix."""
+    def transformed(self, T: Floats) -> 'Hole':
+        """Return the hole transformed by a rigid (4, 4) matrix."""
         return replace(
             self,
             points_xyz=transforms.apply(T, self.points_xyz),
             axis=T[:3, :3] @ self.axis,
-            centre=transforms.apply(T, self.centre[None])[0],
+            center=transforms.apply(T, self.center[None])[0],
         )
 
 
-def find_bores(strokes: Strokes, patches: Patches, edge: float) -> tuple[Bore, ...]:
+def find_holes(segments: LineSegments, surfels: Surfels, spacing: float) -> tuple[Hole, ...]:
     """
-    Return the round holes square to plane faces.
+    Return the round holes that are square to plane faces.
 
-    strokes : those that lie on no patch; edge : metres, between patches
+    segments : those that lie on no surfel
+    spacing : of the surfels, meters
     """
     rng = np.random.default_rng(0)
-    axes = _face_directions(patches)
-    found: list[Bore] = []
-    for part in _pieces(strokes, edge):
-        bores = [bore for axis in axes for bore in _bores_along(axis, part, edge, rng)]
-        found += sorted(bores, key=lambda bore: -len(bore.points_xyz))[:1]
-    return tuple(found)
+    axes = _face_normals(surfels)
+    holes: list[Hole] = []
+    for component in _components(segments, spacing):
+        found = [hole for axis in axes for hole in _fit_hole(axis, component, spacing, rng)]
+        holes += sorted(found, key=lambda hole: -len(hole.points_xyz))[:1]
+    return tuple(holes)
 
 
-def _face_directions(patches: Patches) -> list[Floats]:
-    """Return the normals of what is plane, either sense as one."""
-    left = patches.normals
+def _face_normals(surfels: Surfels) -> list[Floats]:
+    """Return the normals of plane faces; opposite normals count as one direction."""
+    remaining = surfels.normals
     axes: list[Floats] = []
-    while len(left) > _SHARE * len(patches):
-        # the direction that most of some have
-        asked = left[:: max(1, len(left) // 200)]
-        alike = np.abs(asked @ left.T) > _ONE
-        best = int(alike.sum(axis=1).argmax())
-        if alike[best].sum() < _SHARE * len(patches):
+    while len(remaining) > _MIN_FACE * len(surfels):
+        # of some 200 normals the one that most others agree with
+        candidates = remaining[:: max(1, len(remaining) // 200)]
+        agrees = np.abs(candidates @ remaining.T) > _SAME_DIRECTION
+        best = int(agrees.sum(axis=1).argmax())
+        if agrees[best].sum() < _MIN_FACE * len(surfels):
             break
-        same = left[alike[best]]
-        mean = (same * np.sign(same @ asked[best])[:, None]).sum(axis=0)
+        same = remaining[agrees[best]]
+        mean = (same * np.sign(same @ candidates[best])[:, None]).sum(axis=0)
         axes.append(mean / np.linalg.norm(mean))
-        left = left[np.abs(left @ axes[-1]) <= _ONE - 0.01]
+        remaining = remaining[np.abs(remaining @ axes[-1]) <= _SAME_DIRECTION - 0.01]
     return axes
 
 
-def _pieces(strokes: Strokes, edge: float) -> Iterator[Strokes]:
-    """Give the strokes that hang together."""
-    if len(strokes) < _LEAST:
+def _components(segments: LineSegments, spacing: float) -> Iterator[LineSegments]:
+    """Yield the connected components of segments that are large enough for a hole."""
+    if len(segments) < _MIN_SEGMENTS:
         return
-    near = cKDTree(strokes.points_xyz).sparse_distance_matrix(
-        cKDTree(strokes.points_xyz), _LINK * edge, output_type='coo_matrix'
+    tree = cKDTree(segments.points_xyz)
+    distances = tree.sparse_distance_matrix(
+        cKDTree(segments.points_xyz), _CONNECTED * spacing, output_type='coo_matrix'
     )
-    _, piece = connected_components(near, directed=False)
-    for number in np.flatnonzero(np.bincount(piece) >= _LEAST):
-        yield strokes.chosen(piece == number)
+    _, component = connected_components(distances, directed=False)
+    for number in np.flatnonzero(np.bincount(component) >= _MIN_SEGMENTS):
+        yield segments.selected(component == number)
 
 
-def _bores_along(
-    axis: Floats, strokes: Strokes, edge: float, rng: np.random.Generator
-) -> Iterator[Bore]:
-    """Give the circle that most of the strokes lie on, seen along the axis."""
-    across = _across(axis)
-    q, way, sight = (
-        values @ across for values in (strokes.points_xyz, strokes.ways, strokes.sight)
+def _fit_hole(
+    axis: Floats, segments: LineSegments, spacing: float, rng: np.random.Generator
+) -> Iterator[Hole]:
+    """Yield the circle, seen along the axis, that most of the segments lie on, if there is one."""
+    plane = _plane_basis(axis)
+    q, directions, sight = (
+        values @ plane for values in (segments.points_xyz, segments.directions, segments.sight)
     )
-    drawn = q[rng.integers(len(q), size=(_DRAWS, 3))]
-    centres, radii = _circles(drawn)
-    usable = (radii > _RADII[0] * edge) & (radii < _RADII[1] * edge)
-    centres, radii = centres[usable], radii[usable]
+    centers, radii = _circles(q[rng.integers(len(q), size=(_DRAWS, 3))])
+    usable = (radii > _RADII[0] * spacing) & (radii < _RADII[1] * spacing)
+    centers, radii = centers[usable], radii[usable]
     if not len(radii):
         return
-    limit = _WITHIN * strokes.sigma
-    on = [_on_wall(q, way, sight, c, r, limit) for c, r in zip(centres, radii, strict=True)]
-    best = int(np.argmax([one.sum() for one in on]))
-    chosen = on[best]
-    centre, radius = centres[best], float(radii[best])
-    for _ in range(_FIT_ROUNDS):
-        if chosen.sum() < _LEAST:
+    limit = _WALL_SIGMAS * segments.sigma
+    inliers = [
+        _on_wall(q, directions, sight, c, r, limit) for c, r in zip(centers, radii, strict=True)
+    ]
+    best = int(np.argmax([mask.sum() for mask in inliers]))
+    on_wall = inliers[best]
+    center, radius = centers[best], float(radii[best])
+    for _ in range(_FIT_ITERATIONS):
+        if on_wall.sum() < _MIN_SEGMENTS:
             return
-        centre, radius = _fitted(q[chosen], centre, radius)
-        chosen = _on_wall(q, way, sight, centre, radius, limit)
+        center, radius = _gauss_newton_step(q[on_wall], center, radius)
+        on_wall = _on_wall(q, directions, sight, center, radius, limit)
     if (
-        chosen.sum() < max(_LEAST, _MOST_OF * len(q))
-        or not _RADII[0] * edge < radius < _RADII[1] * edge
+        on_wall.sum() < max(_MIN_SEGMENTS, _MIN_FRACTION * len(q))
+        or not _RADII[0] * spacing < radius < _RADII[1] * spacing
     ):
         return
-    out = q[chosen] - centre
-    if _arc(np.arctan2(out[:, 1], out[:, 0])) < _ARC:
+    outward = q[on_wall] - center
+    if _covered_arc(np.arctan2(outward[:, 1], outward[:, 0])) < _MIN_ARC:
         return
-    points = strokes.points_xyz[chosen]
-    yield Bore(
+    points = segments.points_xyz[on_wall]
+    yield Hole(
         points_xyz=points,
         axis=axis,
-        centre=across @ centre + axis * float((points @ axis).mean()),
+        center=plane @ center + axis * float((points @ axis).mean()),
         radius=radius,
-        sigma=strokes.sigma,
+        sigma=segments.sigma,
     )
 
 
-def _across(axis: Floats) -> Floats:
-    """Return (3, 2) unit columns square to an axis and to each other."""
+def _plane_basis(axis: Floats) -> Floats:
+    """Return (3, 2) orthonormal columns that are perpendicular to an axis."""
     return np.asarray(np.linalg.svd(axis[None])[2][1:].T)
 
 
 def _circles(triples: Floats) -> tuple[Floats, Floats]:
-    """Return the circles through (n, 3, 2) points: (n, 2) centres and (n,) radii."""
+    """Return the circles through (n, 3, 2) points: (n, 2) centers and (n,) radii."""
     a, b = triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0]
     area = 2.0 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
     aa, bb = (a**2).sum(axis=1), (b**2).sum(axis=1)
@@ -166,29 +176,29 @@ def _circles(triples: Floats) -> tuple[Floats, Floats]:
 
 
 def _on_wall(
-    q: Floats, way: Floats, sight: Floats, centre: Floats, radius: float, limit: float
+    q: Floats, directions: Floats, sight: Floats, center: Floats, radius: float, limit: float
 ) -> Bools:
-    """Return which strokes lie on the inside of a circle, and run along its wall."""
-    out = q - centre
-    distance = np.linalg.norm(out, axis=1)
-    out = out / np.maximum(distance, 1e-9)[:, None]
+    """Return which segments lie on a circle, along its wall, and are seen from inside."""
+    outward = q - center
+    distance = np.linalg.norm(outward, axis=1)
+    outward = outward / np.maximum(distance, 1e-9)[:, None]
     return np.asarray(
         (np.abs(distance - radius) < limit)
-        & (np.abs((out * way).sum(axis=1)) < _ALONG)
-        & ((out * sight).sum(axis=1) < 0.0)
+        & (np.abs((outward * directions).sum(axis=1)) < _RADIAL_COSINE)
+        & ((outward * sight).sum(axis=1) < 0.0)
     )
 
 
-def _fitted(q: Floats, centre: Floats, radius: float) -> tuple[Floats, float]:
-    """Return the circle after a Gauss-Newton step to (n, 2) points."""
-    out = q - centre
-    distance = np.linalg.norm(out, axis=1)
-    J = np.column_stack([out / distance[:, None], np.ones(len(q))])
+def _gauss_newton_step(q: Floats, center: Floats, radius: float) -> tuple[Floats, float]:
+    """Return center and radius of a circle after a Gauss-Newton step to (n, 2) points."""
+    outward = q - center
+    distance = np.linalg.norm(outward, axis=1)
+    J = np.column_stack([outward / distance[:, None], np.ones(len(q))])
     step = np.linalg.lstsq(J, distance - radius, rcond=1e-6)[0]
-    return centre + step[:2], radius + float(step[2])
+    return center + step[:2], radius + float(step[2])
 
 
-def _arc(angles: Floats) -> float:
-    """Return the shortest arc that holds all angles, radians."""
+def _covered_arc(angles: Floats) -> float:
+    """Return the shortest arc that contains all angles, radians."""
     angles = np.sort(angles)
     return float(2.0 * np.pi - np.diff(np.append(angles, angles[0] + 2.0 * np.pi)).max())

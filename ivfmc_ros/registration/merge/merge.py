@@ -1,10 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Several clampings of one part brought together, without a first guess.
+Registration of several clampings of one part to each other, without an initial pose.
 
-Each scan is one rigid body. It is placed on those that are placed already, and in the end all
-are refined together.
+A clamping is one scan with registered views; it is one rigid body here. Each clamping is placed
+by a global pose search on the union of those placed before it. In the end all poses are refined
+together by multi-view point-to-plane registration.
 """
 
 from collections.abc import Mapping
@@ -19,32 +20,37 @@ from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
-from ivfmc_ros.registration.merge.bodies import bodies_of
-from ivfmc_ros.registration.merge.bodies import Body
+from ivfmc_ros.registration.merge.bodies import ClampedSurface
 from ivfmc_ros.registration.merge.bodies import Clamping
-from ivfmc_ros.registration.merge.bodies import together
-from ivfmc_ros.registration.merge.free_motion import freedom_of
-from ivfmc_ros.registration.merge.pose_search import loose_root
-from ivfmc_ros.registration.merge.pose_search import place
-from ivfmc_ros.registration.merge.pose_search import Placed
-from ivfmc_ros.registration.solver.gauss_newton import meetings
-from ivfmc_ros.registration.solver.gauss_newton import Scene
-from ivfmc_ros.registration.solver.gauss_newton import solve_jointly
-from ivfmc_ros.registration.solver.verdict import fit_of
+from ivfmc_ros.registration.merge.bodies import clamping_surfaces
+from ivfmc_ros.registration.merge.bodies import union
+from ivfmc_ros.registration.merge.free_motion import pose_uncertainty
+from ivfmc_ros.registration.merge.pose_search import find_pose
+from ivfmc_ros.registration.merge.pose_search import loose_prior_root
+from ivfmc_ros.registration.merge.pose_search import PoseCandidate
+from ivfmc_ros.registration.solver.gauss_newton import find_overlaps
+from ivfmc_ros.registration.solver.gauss_newton import RegistrationProblem
+from ivfmc_ros.registration.solver.gauss_newton import solve_registration
+from ivfmc_ros.registration.solver.verdict import fit_quality
 
-# Partners in the last refinement, in patch spacings.
-_REACH = 2.0
+# The clamping number of a view is one byte in its message.
+MAX_CLAMPINGS = 256
+# Greatest correspondence distance of the last refinement, in surfel spacings. The pose search
+# ends within about one spacing.
+_MAX_CORRESPONDENCE_DISTANCE = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Placing:
     """
-    How a clamping was placed.
+    How the pose of one clamping was found.
 
-    onto : the clampings that were placed before
-    agree, differ, blocked : shares of their surfaces, see Evidence
-    sigma : metres, by how much the pose may move the part, 1 sigma
-    overlap : share of its surface that the others show too; rms : metres, between the two, trimmed
+    onto : names of the clampings that were placed before it
+    agree, differ, blocked : fractions of the two surfaces, see ``Evidence``; those of the first
+        clamping are 1, 0, 0
+    sigma : meters, displacement of the part by the least certain motion of its pose, 1 sigma
+    overlap : fraction of its surface that other clampings show, too
+    rms : meters, trimmed rms distance along the normal in the overlap
     """
 
     name: str
@@ -60,10 +66,11 @@ class Placing:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Merged:
     """
-    Clampings in the ``turntable`` of the first.
+    Merged clampings, in the frame ``turntable`` of the first.
 
-    first_from_clamping : (clampings, 4, 4) rigid; placings : how each was found
-    views, poses : of all clampings, numbered on
+    first_from_clamping : (clampings, 4, 4) rigid
+    placings : how each pose was found
+    views, poses : of all clampings; views are numbered anew and carry their clamping's number
     """
 
     first_from_clamping: Floats
@@ -74,127 +81,142 @@ class Merged:
 
 def merge(clampings: Sequence[Clamping]) -> Merged:
     """
-    Bring the clampings of one part together.
+    Register the clampings of one part to each other.
 
-    :raises ParameterError: fewer than two, or two of one name
-    :raises GeometryError: one of them finds no place on the others
-    :raises AmbiguousError: it fits in several ways, or the surface does not hold it
+    :raises ParameterError: fewer than two clampings, two of one name, or of different cells
+    :raises GeometryError: the pose of a clamping is not found
+    :raises AmbiguousError: several poses fit, or the common surface does not determine the pose
     """
     require_several([clamping.name for clamping in clampings])
-    bodies, edge = bodies_of(clampings)
-    found = _placed(bodies, edge)
-    return _refined(clampings, bodies, edge, found)
+    require_one_cell(clampings)
+    surfaces, spacing = clamping_surfaces(clampings)
+    placed = _place_all(surfaces, spacing)
+    return _refine(clampings, surfaces, spacing, placed)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Found:
+class _Placed:
+    """A pose, and the names of the clampings it was searched on."""
+
     onto: tuple[str, ...]
-    placed: Placed
+    candidate: PoseCandidate
 
 
-def _placed(bodies: Sequence[Body], edge: float) -> Mapping[int, _Found]:
-    """Return where each body but the first lies on those that were placed before it."""
-    found: dict[int, _Found] = {}
-    waiting = list(range(1, len(bodies)))
-    while waiting:
-        there = {0: np.eye(4), **{index: one.placed.pose for index, one in found.items()}}
-        onto = together([bodies[index].moved(T) for index, T in there.items()])
-        index, placed = _next(bodies, waiting, onto, edge)
-        found[index] = _Found(onto=tuple(bodies[k].name for k in there), placed=placed)
-        waiting.remove(index)
-    return found
+def _place_all(surfaces: Sequence[ClampedSurface], spacing: float) -> Mapping[int, _Placed]:
+    """Return the pose of each surface but the first, by its index."""
+    placed: dict[int, _Placed] = {}
+    remaining = list(range(1, len(surfaces)))
+    while remaining:
+        poses = {0: np.eye(4), **{index: one.candidate.pose for index, one in placed.items()}}
+        onto = union([surfaces[index].transformed(T) for index, T in poses.items()])
+        index, candidate = _place_next(surfaces, remaining, onto, spacing)
+        names = tuple(surfaces[k].name for k in poses)
+        placed[index] = _Placed(onto=names, candidate=candidate)
+        remaining.remove(index)
+    return placed
 
 
-def _next(
-    bodies: Sequence[Body], waiting: Sequence[int], onto: Body, edge: float
-) -> tuple[int, Placed]:
-    """Return the first of those that wait which can be placed."""
+def _place_next(
+    surfaces: Sequence[ClampedSurface],
+    remaining: Sequence[int],
+    onto: ClampedSurface,
+    spacing: float,
+) -> tuple[int, PoseCandidate]:
+    """Return the first of the remaining surfaces whose pose can be found, and that pose."""
     refusals: list[GeometryError] = []
-    for index in waiting:
+    for index in remaining:
         try:
-            return index, place(bodies[index], onto, edge)
+            return index, find_pose(surfaces[index], onto, spacing)
         except GeometryError as error:
-            # another one may bring the surface that it needs
+            # a clamping placed later may add the surface that this one needs
             refusals.append(error)
     raise refusals[0]
 
 
-def _refined(
+def _refine(
     clampings: Sequence[Clamping],
-    bodies: Sequence[Body],
-    edge: float,
-    found: Mapping[int, _Found],
+    surfaces: Sequence[ClampedSurface],
+    spacing: float,
+    placed: Mapping[int, _Placed],
 ) -> Merged:
-    """Solve all poses once more, jointly."""
-    guessed = [found[k].placed.pose if k in found else np.eye(4) for k in range(len(bodies))]
-    there = [body.moved(T) for body, T in zip(bodies, guessed, strict=True)]
-    scene = Scene(patches=[body.patches for body in there], slopes=None, edge=edge)
-    joint = solve_jointly(scene, loose_root(there), _REACH * edge)
-    poses = [P @ T for P, T in zip(joint.poses, guessed, strict=True)]
-    after = meetings(scene, joint.poses, edge)
+    """Refine all poses together."""
+    initial = [
+        placed[k].candidate.pose if k in placed else np.eye(4) for k in range(len(surfaces))
+    ]
+    moved = [surface.transformed(T) for surface, T in zip(surfaces, initial, strict=True)]
+    problem = RegistrationProblem(
+        patches=[surface.surfels for surface in moved], slopes=None, edge=spacing
+    )
+    result = solve_registration(
+        problem, loose_prior_root(moved), _MAX_CORRESPONDENCE_DISTANCE * spacing
+    )
+    refined = [P @ T for P, T in zip(result.poses, initial, strict=True)]
+    correspondences = find_overlaps(problem, result.poses, spacing)
     placings = []
-    for index, body in enumerate(there):
-        fit = fit_of(index, after, len(body))
-        freedom = freedom_of(joint, index, body)
-        placing = Placing(name=body.name, overlap=fit.overlap, rms=fit.rms)
-        if index in found:
-            placed = found[index].placed
-            evidence = placed.evidence
-            # a joint solution does not know of the holes
-            known = min(freedom.sigma.max(), placed.freedom.sigma.max())
+    for index, surface in enumerate(moved):
+        fit = fit_quality(index, correspondences, len(surface))
+        placing = Placing(name=surface.name, overlap=fit.overlap, rms=fit.rms)
+        if index in placed:
+            candidate = placed[index].candidate
+            uncertainty = pose_uncertainty(result, index, surface)
             placing = replace(
                 placing,
-                onto=found[index].onto,
-                agree=evidence.agree,
-                differ=evidence.differ,
-                blocked=evidence.blocked,
-                sigma=float(known),
+                onto=placed[index].onto,
+                agree=candidate.evidence.agree,
+                differ=candidate.evidence.differ,
+                blocked=candidate.evidence.blocked,
+                # the refinement does not use the holes, the search may have
+                sigma=float(min(uncertainty.sigma.max(), candidate.uncertainty.sigma.max())),
             )
         placings.append(placing)
+    turntable_from_view = [
+        T @ clamping.poses.turntable_from_view
+        for T, clamping in zip(refined, clampings, strict=True)
+    ]
     return Merged(
-        first_from_clamping=np.array(poses),
+        first_from_clamping=np.array(refined),
         placings=placings,
-        views=_numbered([view for clamping in clampings for view in clamping.views]),
-        poses=Poses(
-            turntable_from_view=np.concatenate(
-                [
-                    T @ clamping.poses.turntable_from_view
-                    for T, clamping in zip(poses, clampings, strict=True)
-                ]
-            )
-        ),
+        views=_number_views(clampings),
+        poses=Poses(turntable_from_view=np.concatenate(turntable_from_view)),
     )
 
 
-def _numbered(views: Sequence[View]) -> list[View]:
+def _number_views(clampings: Sequence[Clamping]) -> list[View]:
+    views = [
+        replace(view, clamping=index)
+        for index, clamping in enumerate(clampings)
+        for view in clamping.views
+    ]
     return [replace(view, number=number) for number, view in enumerate(views)]
 
 
 def require_several(names: Sequence[str]) -> None:
     """
-    Refuse names of scans that are not two or more different ones.
+    Check that there are two or more scans with different names.
 
-    :raises ParameterError: says what is wrong
+    :raises ParameterError: there are not
     """
     if len(names) < 2:
         known = ', '.join(names) or 'none'
         raise ParameterError(f'merge: two or more scans are needed, not {known}')
+    if len(names) > MAX_CLAMPINGS:
+        raise ParameterError(f'merge: {len(names)} scans are too many; at most {MAX_CLAMPINGS}')
     if len(set(names)) < len(names):
         raise ParameterError(f'merge: a scan is named twice: {", ".join(names)}')
 
 
 def require_one_cell(clampings: Sequence[Clamping]) -> None:
     """
-    Refuse clampings of different cells, of which no mesh can be made.
+    Check that all clampings were scanned with lasers and images of one cell.
 
-    :raises ParameterError: names them
+    :raises ParameterError: names two clampings that were not
     """
     first, *others = clampings
     for other in others:
         if _optics(other) != _optics(first):
             raise ParameterError(
                 f'merge: {first.name} and {other.name} were taken with different cells (lasers, '
-                'or size of the picture)'
+                'or image size)'
             )
 
 

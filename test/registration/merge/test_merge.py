@@ -47,7 +47,7 @@ def both(part, steps=60, seed=0):
     ]
 
 
-def test_two_clampings_come_together_without_a_first_guess(upright, on_its_side):
+def test_two_clampings_are_merged_without_an_initial_pose(upright, on_its_side):
     # the second one's views were displaced, and its own registration found that
     slip = transforms.rigid(transforms.rotation_z(0.3), (0.004, -0.002, 0.0))
     views = [
@@ -60,6 +60,7 @@ def test_two_clampings_come_together_without_a_first_guess(upright, on_its_side)
     assert displacement(demo_part(), found, np.eye(4)) < 1e-4
     np.testing.assert_array_equal(merged.first_from_clamping[0], np.eye(4))
     assert [view.number for view in merged.views] == [0, 1, 2, 3]
+    assert [view.clamping for view in merged.views] == [0, 0, 1, 1]
     np.testing.assert_allclose(
         merged.poses.turntable_from_view[3], merged.first_from_clamping[1] @ slip, atol=1e-12
     )
@@ -70,7 +71,7 @@ def test_two_clampings_come_together_without_a_first_guess(upright, on_its_side)
     assert placing.sigma < 5e-5
 
 
-def test_poses_between_which_a_symmetric_part_does_not_decide_are_named():
+def test_poses_that_a_symmetric_part_does_not_distinguish_are_named():
     with pytest.raises(AmbiguousError, match='lying fits on upright in 4 ways') as refused:
         merge(both(box((0.044, 0.030, 0.060))))
     motions = ' '.join(refused.value.values['motions'])
@@ -79,13 +80,15 @@ def test_poses_between_which_a_symmetric_part_does_not_decide_are_named():
         assert axis in motions
 
 
-def test_turn_that_a_round_part_leaves_open_is_named():
-    with pytest.raises(AmbiguousError, match='leaves open any turn about the axis') as refused:
+def test_turn_that_a_round_part_does_not_constrain_is_named():
+    with pytest.raises(
+        AmbiguousError, match='does not constrain any turn about the axis'
+    ) as refused:
         merge(both(cylinder(0.02, 0.06)))
     assert '(0.00, 0.00, 1.00) through (0.0, 0.0, 0.0) mm' in str(refused.value)
 
 
-def test_holes_hold_a_turn_that_nothing_else_does():
+def test_holes_constrain_a_turn_that_nothing_else_does():
     # the flat and the keyway lie below
     place = lying(demo_part(), 11)
     merged = merge(
@@ -99,7 +102,7 @@ def test_holes_hold_a_turn_that_nothing_else_does():
     assert merged.placings[1].sigma < 5e-5
 
 
-def test_holes_that_are_alike_hold_no_turn():
+def test_regular_bolt_circle_does_not_constrain_the_turn():
     bolts = [circle(0.0045, centre)[::-1] for centre in 0.040 * np.array(BOLTS)]
     flange = Layer(low=0.0, high=0.012, bottom=[circle(0.052), *bolts])
     part = stack([flange, Layer(low=0.012, high=0.050, bottom=[circle(0.028)])])
@@ -109,13 +112,13 @@ def test_holes_that_are_alike_hold_no_turn():
 
 def test_another_part_is_refused(upright):
     other = clamped('other', CELL, box((0.05, 0.03, 0.07)), np.eye(4), 60)
-    with pytest.raises(GeometryError, match='other finds no place on upright'):
+    with pytest.raises(GeometryError, match='no pose of other fits on upright'):
         merge([upright, other])
 
 
 def test_scan_without_surface_is_refused_by_name(upright):
     nothing = replace(upright, name='nothing', views=[empty(view) for view in upright.views])
-    with pytest.raises(GeometryError, match='merge: nothing: only 0 pieces of surface'):
+    with pytest.raises(GeometryError, match='merge: nothing: only 0 surfels'):
         merge([upright, nothing])
 
 

@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ivfmc_ros.cell import transforms
-from ivfmc_ros.registration.merge.motion_text import free_motion_in_words
-from ivfmc_ros.registration.merge.motion_text import motion_in_words
+from ivfmc_ros.registration.merge.motion_text import describe_free_motion
+from ivfmc_ros.registration.merge.motion_text import describe_motion
 
 
 def about(axis, degrees, point, along=0.0):
@@ -16,7 +16,7 @@ def about(axis, degrees, point, along=0.0):
 
 
 @pytest.mark.parametrize(
-    ('T', 'words'),
+    ('T', 'text'),
     [
         (
             about((0, 0, 1), 60, np.array([0.01, 0.02, 0.0])),
@@ -40,16 +40,16 @@ def about(axis, degrees, point, along=0.0):
         (transforms.rigid(np.eye(3), (0, 0.005, 0)), 'a shift by (0.00, 5.00, 0.00) mm'),
     ],
 )
-def test_motion_is_said(T, words):
-    assert motion_in_words(T) == words
+def test_motion_is_described(T, text):
+    assert describe_motion(T) == text
 
 
-def test_free_motions_are_said():
+def test_free_motions_are_described():
     assert (
-        free_motion_in_words(np.array([0, 0, 20.0, 0, -0.2, 0]))
+        describe_free_motion(np.array([0, 0, 20.0, 0, -0.2, 0]))
         == 'any turn about the axis (0.00, 0.00, 1.00) through (10.0, 0.0, 0.0) mm'
     )
     assert (
-        free_motion_in_words(np.array([0, 0, 0.01, 0, 0.7, 0]))
+        describe_free_motion(np.array([0, 0, 0.01, 0, 0.7, 0]))
         == 'any shift along (0.00, 1.00, 0.00)'
     )

@@ -17,9 +17,9 @@ from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell_file import load_cell
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.errors import ParameterError
-from ivfmc_ros.pipeline import rebuild
+from ivfmc_ros.pipeline import reconstruct_profiles
 from ivfmc_ros.pipeline import Settings
-from ivfmc_ros.registration.self_calibration.parameters import CellUnknowns
+from ivfmc_ros.registration.self_calibration.parameters import CellParameters
 from ivfmc_ros.registration.self_calibration.refine import refine
 from ivfmc_ros.registration.solver.prior import CellPrior
 from ivfmc_ros.registration.views.assemble import without
@@ -144,7 +144,7 @@ def test_orders_that_no_table_needs_are_refused():
 
 def test_prior_of_the_angle_is_shared_by_its_orders():
     prior = CellPrior(angle=2e-3, orders=5)
-    unknowns = CellUnknowns(cell=CELL, groups=frozenset({'angle'}), height=0.0, prior=prior)
+    unknowns = CellParameters(cell=CELL, groups=frozenset({'angle'}), height=0.0, prior=prior)
     coefficients = unknowns.sigma[:-1]
     assert len(coefficients) == 10
     at = unknowns.angle_basis(np.array([0.3, 2.0]), 1.0)[:, :-1]
@@ -155,7 +155,9 @@ def test_pipeline_corrects_the_cell_and_writes_it(scan, tmp_path):
     sweeps, measured = scan
     bad = erring_cell(CELL, np.random.default_rng(4), offset=3e-4, tilt=0.1, laser_tilt=0.1)
     profiles = profiles_of(bad, measured, sweeps)
-    made = rebuild(bad, profiles, Settings(refine=('axis', 'lasers'), island_least=20))
+    made = reconstruct_profiles(
+        bad, profiles, Settings(refine=('axis', 'lasers'), island_least=20)
+    )
     assert made.refined is not None
     assert made.refined.applied
     document = write_results(tmp_path / 'result', bad, made, 'test', {})

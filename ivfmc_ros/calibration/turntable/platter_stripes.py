@@ -1,0 +1,168 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The stripe on the bare platter, put into space by the calibrated laser."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ivfmc_ros.calibration.boards.markers import find_markers
+from ivfmc_ros.calibration.boards.markers import Markers
+from ivfmc_ros.calibration.boards.views import for_each_picture
+from ivfmc_ros.calibration.boards.views import read_sized
+from ivfmc_ros.calibration.laser.stripes import BoardStripe
+from ivfmc_ros.calibration.laser.stripes import extract_board_stripe
+from ivfmc_ros.calibration.turntable.axis import AxisState
+from ivfmc_ros.calibration.turntable.axis import PlatterPoints
+from ivfmc_ros.calibration.turntable.observations import Target
+from ivfmc_ros.cell import transforms
+from ivfmc_ros.cell.camera import Camera
+from ivfmc_ros.cell.laser import LaserPlane
+from ivfmc_ros.cell.laser import Stripe as Direction
+from ivfmc_ros.errors import CalibrationError
+from ivfmc_ros.model import Bools
+from ivfmc_ros.model import Floats
+from ivfmc_ros.progress import no_progress
+from ivfmc_ros.progress import Progress
+from ivfmc_ros.stripe.extract import ExtractSettings
+
+_STEP_PIXEL = 0.25
+# Markers are left out with this share of their size around them.
+_MARKER_MARGIN = 0.15
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlatterStripes:
+    """
+    Stripe points on a platter.
+
+    uv : (n, 2) pixel; picture : (n,) index into ``pictures``
+    platter_points : the points in space and how certain their platter_points are
+    """
+
+    pictures: tuple[Path, ...]
+    picture: np.ndarray[tuple[int], np.dtype[np.int64]]
+    uv: Floats
+    platter_points: PlatterPoints
+
+
+def find_platter_stripes(
+    camera: Camera,
+    laser: LaserPlane,
+    axis: AxisState,
+    radius: float,
+    pictures: Sequence[Path],
+    target: Target,
+    *,
+    settings: ExtractSettings | None = None,
+    progress: Progress = no_progress,
+) -> PlatterStripes:
+    """
+    Find the stripe on the platter in each picture.
+
+    axis : where the platter is, to a centimetre
+    radius : meters, of the part of the platter that is used
+    :raises CalibrationError: there is none
+    """
+    found = extract_platter_stripes(
+        camera,
+        axis.camera_from_base,
+        radius,
+        pictures,
+        target if isinstance(target, Markers) else None,
+        laser.stripe,
+        settings or ExtractSettings(),
+        progress,
+    )
+    uv = np.concatenate([stripe for _, stripe, _ in found])
+    picture = np.repeat(np.arange(len(found)), [len(stripe) for _, stripe, _ in found])
+    sigma = np.repeat([s for *_, s in found], [len(stripe) for _, stripe, _ in found])
+    platter_points, seen = _stripe_heights(camera, laser, axis, uv, sigma)
+    return PlatterStripes(
+        pictures=tuple(path for path, *_ in found),
+        picture=picture[seen],
+        uv=uv[seen],
+        platter_points=platter_points,
+    )
+
+
+def extract_platter_stripes(
+    camera: Camera,
+    camera_from_base: Floats,
+    radius: float,
+    pictures: Sequence[Path],
+    markers: Markers | None,
+    stripe: Direction,
+    settings: ExtractSettings,
+    progress: Progress,
+) -> list[tuple[Path, Floats, float]]:
+    """
+    Find the stripe on the bare platter.
+
+    returns : for each picture that shows it, its path, (n, 2) pixels and their 1 sigma
+    :raises CalibrationError: none shows it
+    """
+    disc = platter_mask(camera, camera_from_base, radius)
+
+    def look(path: Path) -> BoardStripe | None:
+        image = read_sized(path, camera.size)
+        bare = disc & ~_marker_mask(
+            image.shape, {} if not markers else find_markers(markers, image)
+        )
+        return extract_board_stripe(image, bare, camera, stripe, settings)
+
+    seen = for_each_picture(look, pictures, 'platter', progress)
+    found = [(path, s.uv, s.sigma) for path, s in zip(pictures, seen, strict=True) if s]
+    if not found:
+        raise CalibrationError(
+            f'{pictures[0].parent}: no picture shows the stripe on the bare platter; '
+            'take some with the laser on and nothing on the platter'
+        )
+    return found
+
+
+def platter_mask(camera: Camera, camera_from_base: Floats, radius: float) -> Bools:
+    """Return the (height, width) pixels that show the platter within ``radius`` meters."""
+    angle = np.linspace(0, 2 * np.pi, 180, endpoint=False)
+    rim = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
+    uv = camera.project(transforms.apply(camera_from_base, rim))
+    mask = np.zeros((camera.height, camera.width), dtype=np.uint8)
+    cv2.fillPoly(mask, [np.clip(uv, -5000, 20000).round().astype(np.int32)], (1,))
+    return mask > 0
+
+
+def _marker_mask(shape: tuple[int, ...], markers: dict[int, Floats]) -> Bools:
+    mask = np.zeros(shape[:2], dtype=np.uint8)
+    for quad in markers.values():
+        grown = quad + _MARKER_MARGIN * (quad - quad.mean(axis=0))
+        cv2.fillPoly(mask, [grown.round().astype(np.int32)], (1,))
+    return mask > 0
+
+
+def _stripe_heights(
+    camera: Camera, laser: LaserPlane, axis: AxisState, uv: Floats, sigma: Floats
+) -> tuple[PlatterPoints, Bools]:
+    """
+    Put stripe points into space.
+
+    What is uncertain in the laser's plane is the same for all points, so many of them do not make
+    it smaller: each gets the plane's variance times their number, beside its own pixels'.
+    """
+    rays = camera.rays(uv)
+    points = laser.intersect(rays)
+    step = np.array([_STEP_PIXEL, 0.0] if laser.stripe == 'rows' else [0.0, _STEP_PIXEL])
+    moved = laser.intersect(camera.rays(uv + step))
+    up = axis.camera_from_base[:3, 2]
+    pixel_jacobian = sigma * np.abs((moved - points) @ up) / _STEP_PIXEL
+    covariance = laser.covariance
+    if covariance is None:
+        covariance = np.diag([0.0, 0.0, 0.0, laser.residual_rms**2])
+    design = np.column_stack([points, np.ones(len(points))])
+    plane = np.einsum('ni,ij,nj->n', design, covariance, design)
+    by_plane = plane * (rays @ up / (rays @ laser.normal)) ** 2
+    total = np.sqrt(pixel_jacobian**2 + len(uv) * by_plane)
+    seen = np.isfinite(total) & (total > 0)
+    return PlatterPoints(points_xyz=points[seen], sigma=total[seen]), seen

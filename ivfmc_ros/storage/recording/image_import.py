@@ -1,0 +1,173 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Writes image files, one for each table angle, as a bag."""
+
+from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+from pathlib import Path
+import re
+
+import cv2
+import numpy as np
+
+from ivfmc_ros.cell.camera import Camera
+from ivfmc_ros.errors import FileError
+from ivfmc_ros.pictures import decode_picture
+from ivfmc_ros.pictures import is_jpeg
+from ivfmc_ros.pictures import is_png
+from ivfmc_ros.pictures import read_bytes
+from ivfmc_ros.progress import no_progress
+from ivfmc_ros.progress import Progress
+from ivfmc_ros.storage.bag.writer import BagWriter
+from ivfmc_ros.storage.bag.writer import create_bag
+from ivfmc_ros.storage.messages import cdr
+from ivfmc_ros.validation import require_in_range
+
+# Stamp of the first image, nanoseconds: fixed, so that the same images yield the same bag.
+START_NS = 1_000_000_000 * cdr.NANOSECONDS
+
+# Share of the time between two images during which the table stands still; arbitrary, since the
+# files have no times.
+_DWELL = 0.5
+
+# Greatest difference of successive positions, radians: unwrapping is ambiguous from half a turn.
+_MAX_POSITION_STEP = math.pi / 4
+# Numbers in file names that are further apart on average are times or ids, not steps.
+_MAX_MEAN_GAP = 1000
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageAtAngle:
+    """An image file and the table angle, radians, at which it was taken."""
+
+    path: Path
+    angle: float
+
+
+def images_by_number(images: Sequence[Path], step: float) -> tuple[list[ImageAtAngle], list[int]]:
+    """
+    Assign to each image the angle (number - first number) * step, by the last number in its name.
+
+    step : radians from one number to the next, negative for clockwise
+    :returns: the images by number, and the missing numbers between the first and the last
+    :raises FileError: a name has no number, two have the same, or the numbers are not steps
+    """
+    numbered: dict[int, Path] = {}
+    for path in images:
+        number = _number(path)
+        if number in numbered:
+            raise FileError(
+                f'{path}: has step number {number}, as {numbered[number].name}; keep one of them'
+            )
+        numbered[number] = path
+    first, last = min(numbered), max(numbered)
+    if last - first > _MAX_MEAN_GAP * len(numbered):
+        raise FileError(
+            f'{images[0].parent}: the names of {len(numbered)} images have numbers from '
+            f'{first} to {last}, which are not steps; number the images, or give an angles file'
+        )
+    ordered = sorted(numbered)
+    # + 0.0 turns -0.0 into 0.0
+    steps = [
+        ImageAtAngle(path=numbered[number], angle=(number - first) * step + 0.0)
+        for number in ordered
+    ]
+    return steps, sorted(set(range(first, last + 1)) - numbered.keys())
+
+
+def _number(path: Path) -> int:
+    digits = re.findall(r'[0-9]+', path.stem)
+    if not digits:
+        raise FileError(f'{path}: the name has no step number; name the images step1, step2, ...')
+    return int(digits[-1])
+
+
+def images_by_angles(
+    images: Sequence[Path], angles: Mapping[str, float], source: Path
+) -> list[ImageAtAngle]:
+    """
+    Assign to each image its measured angle.
+
+    angles : radians by file name
+    source : the file of the angles, for the error
+    :returns: the images in the given order
+    :raises FileError: an image has no angle
+    """
+    missing = [path for path in images if path.name not in angles]
+    if missing:
+        raise FileError(
+            f'{source}: has no angle for {len(missing)} of {len(images)} images, the first '
+            f'is {missing[0].name}; measure them as well, or remove them from the folder'
+        )
+    return [ImageAtAngle(path=path, angle=angles[path.name]) for path in images]
+
+
+def import_images_as_bag(
+    images: Sequence[ImageAtAngle],
+    camera: Camera,
+    folder: Path,
+    *,
+    rate: float = 10.0,
+    joint: str = 'turntable_joint',
+    laser: str | None = None,
+    progress: Progress = no_progress,
+) -> None:
+    """
+    Write images and angles as a bag; JPEG and PNG files are stored without re-encoding.
+
+    folder : bag folder to create
+    rate : images per second of the stamps
+    joint : name of the table's joint
+    laser : name of the laser that was on; None writes no laser_states
+    :raises FileError: an image cannot be read, or the bag cannot be written
+    :raises CellError: an image has another size than the camera
+    :raises ParameterError: the rate is not a positive number
+    """
+    require_in_range('rate', rate, 0.0, math.inf, 'pictures/s', open_low=True, open_high=True)
+    with create_bag(folder) as bag:
+        previous = images[0].angle
+        for index, image in enumerate(images):
+            stamp = START_NS + round(index * cdr.NANOSECONDS / rate)
+            data, format = _read_encoded(image.path, camera)
+            _write_motion(bag, joint, stamp, rate, previous, image.angle)
+            if laser is not None:
+                bag.laser_state(stamp, {laser: True})
+            bag.camera_info(stamp, camera)
+            bag.compressed_image(stamp, data, format)
+            previous = image.angle
+            progress('import', index + 1, len(images))
+
+
+def _read_encoded(path: Path, camera: Camera) -> tuple[bytes, str]:
+    """Return a complete image of the camera's size as JPEG or PNG bytes, and the format."""
+    data = read_bytes(path)
+    image = decode_picture(data, str(path))
+    camera.require_image(image.shape, str(path))
+    if is_jpeg(data):
+        return data, 'jpeg'
+    if is_png(data):
+        return data, 'png'
+    # PNG is lossless for the other formats
+    done, encoded = cv2.imencode('.png', image)
+    if not done:
+        raise FileError(f'{path}: cannot be encoded as PNG')
+    return encoded.tobytes(), 'png'
+
+
+def _write_motion(
+    bag: BagWriter, joint: str, stamp: int, rate: float, previous: float, angle: float
+) -> None:
+    """Write joint states: the motion from the previous image, and standstill at this one."""
+    period = cdr.NANOSECONDS / rate
+    arrival = stamp - round(_DWELL * period)
+    count = math.ceil(abs(angle - previous) / _MAX_POSITION_STEP)
+    # without the ends: the previous image and the arrival have joint states of their own
+    fractions = np.arange(1, count) / max(count, 1)
+    departure = arrival - (1 - _DWELL) * period
+    for fraction in fractions:
+        at = departure + fraction * (arrival - departure)
+        bag.joint_state(round(at), joint, previous + fraction * (angle - previous))
+    bag.joint_state(arrival, joint, angle)
+    bag.joint_state(stamp, joint, angle)
