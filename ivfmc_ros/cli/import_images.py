@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""``ivfmc import-images``: a folder of pictures, one a step of the table, to a bag."""
+"""``ivfmc import-images``: makes a bag of a folder of pictures, one for each step of the table."""
 
 from collections.abc import Sequence
 import math
@@ -11,12 +11,13 @@ import click
 from ivfmc_ros.angles import load_angles
 from ivfmc_ros.cell.camera_file import load_camera
 from ivfmc_ros.cli.support.progress import progress_bars
+from ivfmc_ros.cli.support.quantities import angle
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.pictures import list_pictures
-from ivfmc_ros.storage.picture_import import import_steps
-from ivfmc_ros.storage.picture_import import Step
-from ivfmc_ros.storage.picture_import import steps_by_angles
-from ivfmc_ros.storage.picture_import import steps_by_number
+from ivfmc_ros.storage.recording.image_import import ImageAtAngle
+from ivfmc_ros.storage.recording.image_import import images_by_angles
+from ivfmc_ros.storage.recording.image_import import images_by_number
+from ivfmc_ros.storage.recording.image_import import import_images_as_bag
 
 _PATH = click.Path(path_type=Path)
 
@@ -27,7 +28,7 @@ _LISTED = 5
 @click.command('import-images')
 @click.argument('folder', metavar='DIR', type=_PATH)
 @click.option('--camera', required=True, type=_PATH, help='camera.yaml of the camera.')
-@click.option('--step', type=float, help='Degrees the table turns from one number to the next.')
+@click.option('--step', type=angle(), help='By which the table turns from one number to the next.')
 @click.option('--angles', type=_PATH, help='angles.yaml that calibrate turntable measured.')
 @click.option(
     '-o', '--output', type=_PATH, help='Bag folder to write (default: <name of DIR>_bag here).'
@@ -56,20 +57,22 @@ def import_images(
     """
     Make a bag of the pictures in DIR.
 
-    The last number in a picture's name is its step, and --step says how far the table turns from
-    one number to the next; or --angles says at which angle each picture was taken.
+    The last number in a file name is the step of the table, and --step is the angle from one
+    number to the next. Or --angles is a file with the angle of each picture.
     """
     target = output or Path(f'{folder.resolve().name}_bag')
     pictures = list_pictures(folder)
     if angles is not None:
         _refuse_both(step, direction)
-        steps = steps_by_angles(pictures, load_angles(angles), angles)
+        steps = images_by_angles(pictures, load_angles(angles), angles)
         gaps: list[int] = []
     else:
-        steps, gaps = steps_by_number(pictures, _signed(step, direction))
+        steps, gaps = images_by_number(pictures, _signed(step, direction))
     model = load_camera(camera)
     with progress_bars() as progress:
-        import_steps(steps, model, target, rate=rate, joint=joint, laser=laser, progress=progress)
+        import_images_as_bag(
+            steps, model, target, rate=rate, joint=joint, laser=laser, progress=progress
+        )
     click.echo(f'{target}: {_summary(steps)}{_missing(gaps)}')
 
 
@@ -83,13 +86,15 @@ def _refuse_both(step: float | None, direction: str | None) -> None:
 def _signed(step: float | None, direction: str | None) -> float:
     """Return the step in radians, positive counter-clockwise."""
     if step is None:
-        raise ParameterError('--step DEGREES or --angles FILE must say how the table turned')
+        raise ParameterError('give --step or --angles: one of them must say how the table turned')
     if not (math.isfinite(step) and step > 0):
-        raise ParameterError(f'--step: must be a positive number of degrees, is {step}')
-    return math.radians(-step if direction == 'cw' else step)
+        raise ParameterError(
+            f'--step: {math.degrees(step):g} deg must be positive; use --direction'
+        )
+    return -step if direction == 'cw' else step
 
 
-def _summary(steps: Sequence[Step]) -> str:
+def _summary(steps: Sequence[ImageAtAngle]) -> str:
     angles = [math.degrees(step.angle) for step in steps]
     return f'{len(steps)} pictures from {min(angles):.3f} to {max(angles):.3f} degrees'
 

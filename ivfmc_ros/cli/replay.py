@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""``ivfmc replay``: the pictures of a bag through the nodes, and a mesh at the end."""
+"""``ivfmc replay``: publishes the inputs of a bag to the nodes, then registers and meshes."""
 
 from collections.abc import Collection
 from collections.abc import Iterator
@@ -11,7 +11,6 @@ import time
 from typing import Any
 
 import click
-from rich.console import Console
 
 from ivfmc_ros import files
 from ivfmc_ros.cli.support.bag_player import BagPlayer
@@ -22,17 +21,18 @@ from ivfmc_ros.cli.support.cell_run import NAMESPACE
 from ivfmc_ros.cli.support.cell_run import namespace_of
 from ivfmc_ros.cli.support.client import cell_client
 from ivfmc_ros.cli.support.client import CellClient
+from ivfmc_ros.cli.support.output import console
 from ivfmc_ros.cli.support.progress import progress_bars
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
-from ivfmc_ros.scan.record import load_parameters
 from ivfmc_ros.scan.request import MOTIONS
+from ivfmc_ros.scan.scan_folder import load_parameters
 from ivfmc_ros.storage.bag.reader import Bag
 from ivfmc_ros.storage.bag.reader import open_bag
-from ivfmc_ros.storage.bag.topics import find_roles
-from ivfmc_ros.storage.bag.topics import Roles
-from ivfmc_ros.storage.messages.profile_head import ProfileHead
-from ivfmc_ros.storage.scan_bag import recorded_profiles
+from ivfmc_ros.storage.bag.topics import find_scan_topics
+from ivfmc_ros.storage.bag.topics import ScanTopics
+from ivfmc_ros.storage.messages.profile_header import ProfileHeader
+from ivfmc_ros.storage.scans.scan_bag import recorded_profile_headers
 
 _PATH = click.Path(path_type=Path)
 _REGISTER_S = 1800.0
@@ -46,10 +46,10 @@ _TIMED = ('triangulator', 'registrar', 'mesher')
     type=click.FloatRange(0.0, 1000.0),
     default=0.0,
     show_default=True,
-    help='Times the recorded speed; 0 is as fast as the nodes keep up.',
+    help='Factor of the recorded speed; 0: as fast as the nodes process.',
 )
 @click.option('-o', '--output', type=_PATH, help='Folder to make for the mesh files.')
-@click.option('--clock', is_flag=True, help='Publish /clock and let the nodes go by it.')
+@click.option('--clock', is_flag=True, help='Publish /clock, and set use_sim_time of the nodes.')
 @click.option(
     '--role',
     'roles',
@@ -62,14 +62,14 @@ _TIMED = ('triangulator', 'registrar', 'mesher')
     'others',
     multiple=True,
     metavar='TOPIC[=NAME]',
-    help='Publish this topic of the bag, too, under another name if one is given.',
+    help='Publish this topic of the bag as well, as NAME if given.',
 )
 @click.option(
     '--motion',
     type=click.Choice(MOTIONS),
-    help='How the table turned; judges every picture anew, whatever it was when recorded.',
+    help='How the table turned; matches every picture again instead of using recorded profiles.',
 )
-@click.option('--wait', default=20.0, show_default=True, help='Seconds to wait for listeners.')
+@click.option('--wait', default=20.0, show_default=True, help='Seconds to wait for subscribers.')
 @click.option('--build/--no-build', default=True, help='Register and mesh at the end.')
 @click.option('--namespace', default=NAMESPACE, show_default=True, help='Name of the cell.')
 def replay(bag: Path, namespace: str, **options: Any) -> None:
@@ -78,11 +78,11 @@ def replay(bag: Path, namespace: str, **options: Any) -> None:
     if output is not None:
         files.require_new_folder(output)
     opened = open_bag(bag)
-    roles = find_roles(opened, _pairs('--role', options['roles']))
+    roles = find_scan_topics(opened, _pairs('--role', options['roles']))
     tracks = _tracks(opened, roles, options['others'])
     # the views of a recorded scan, and nothing else, are its views again
     profile = None if options['motion'] else roles.profile
-    recorded = recorded_profiles(opened, profile.name) if profile else {}
+    recorded = recorded_profile_headers(opened, profile.name) if profile else {}
     dark = bool(load_parameters(bag if bag.is_dir() else bag.parent).get('dark_frames'))
     with cell_client(namespace_of(namespace)) as client:
         player = BagPlayer(client, opened, tracks, options['clock'], recorded, every=dark)
@@ -92,14 +92,14 @@ def replay(bag: Path, namespace: str, **options: Any) -> None:
             total = sum(opened.topics[name].count for name in tracks)
             with progress_bars() as progress:
                 player.play(options['rate'], lambda done: progress('messages', done, total))
-        console = Console(highlight=False, markup=False)
-        console.print(f'{player.pictures} pictures became {player.profiles} profiles')
+        stdout = console()
+        stdout.print(f'{player.pictures} pictures became {player.profiles} profiles')
         if options['build']:
             for line in _build(client, output, player.profiles):
-                console.print(line, soft_wrap=True)
+                stdout.print(line, soft_wrap=True)
 
 
-def _tracks(bag: Bag, roles: Roles, others: Sequence[str]) -> dict[str, Track]:
+def _tracks(bag: Bag, roles: ScanTopics, others: Sequence[str]) -> dict[str, Track]:
     named = {
         'image_raw': roles.image,
         'camera_info': roles.camera_info,
@@ -119,7 +119,7 @@ def _tracks(bag: Bag, roles: Roles, others: Sequence[str]) -> dict[str, Track]:
 
 @contextmanager
 def _clock_of(client: CellClient, simulated: bool) -> Iterator[None]:
-    """Let the nodes go by /clock for a while: nobody publishes it afterwards, and it stands."""
+    """Set use_sim_time for the block: /clock stands still when it is no longer published."""
     try:
         for node in _TIMED if simulated else ():
             client.set(node, {'use_sim_time': True})
@@ -129,15 +129,15 @@ def _clock_of(client: CellClient, simulated: bool) -> Iterator[None]:
             client.set(node, {'use_sim_time': False})
 
 
-def motion_of(recorded: Collection[ProfileHead]) -> str | None:
+def motion_of(recorded: Collection[ProfileHeader]) -> str | None:
     """Return how the table turned while profiles were taken; None where there are none."""
     if not recorded:
         return None
     return 'continuous' if any(head.speed for head in recorded) else 'step'
 
 
-def _prepare(client: CellClient, roles: Roles, motion: str | None, dark: bool) -> None:
-    """Let the nodes forget what they had, and tell them what the bag has."""
+def _prepare(client: CellClient, roles: ScanTopics, motion: str | None, dark: bool) -> None:
+    """Reset the nodes, and set the parameters that follow from the bag."""
     name = f'replay_{time.time_ns()}'
     source = 'always_on' if roles.laser_states is None else 'topic'
     values: dict[str, Any] = {
@@ -151,12 +151,12 @@ def _prepare(client: CellClient, roles: Roles, motion: str | None, dark: bool) -
     client.set('triangulator', values)
     client.set('registrar', {'scan_id': name, 'expected': 0})
     client.trigger('registrar/reset')
-    # the same bag has the same stamps, by which the mesher would take the views of before
+    # the same bag has the same stamps: without a new scan_id the mesher would keep old views
     client.set('mesher', {'scan_id': name})
 
 
 def _build(client: CellClient, output: Path | None, profiles: int) -> list[str]:
-    """Register and mesh, and return what to say of it."""
+    """Register and mesh, and return the lines to print."""
     if output is not None:
         try:
             output.mkdir(parents=True, exist_ok=True)

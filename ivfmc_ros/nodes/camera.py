@@ -1,6 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node of the camera: pictures, and the calibration that goes with each."""
+"""
+Executable ``camera``: images of a camera device, each with its calibration.
+
+Publishes image_raw and camera_info with the stamp of the start of exposure. Backends: OpenCV
+(USB, network), a folder of image files, the simulated cell.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,8 +22,8 @@ from ivfmc_ros.cell.camera_file import load_camera
 from ivfmc_ros.cell.camera_file import save_camera
 from ivfmc_ros.devices.cameras.capture import Capture
 from ivfmc_ros.devices.cameras.device import CameraDevice
+from ivfmc_ros.devices.cameras.device import CameraImage
 from ivfmc_ros.devices.cameras.device import Exposure
-from ivfmc_ros.devices.cameras.device import Picture
 from ivfmc_ros.devices.cameras.folder import FolderCamera
 from ivfmc_ros.devices.cameras.opencv import OpencvCamera
 from ivfmc_ros.errors import ParameterError
@@ -26,23 +31,27 @@ from ivfmc_ros.errors import ScanError
 from ivfmc_ros.nodes.convert.images import to_image
 from ivfmc_ros.nodes.convert.stamps import header
 from ivfmc_ros.nodes.framework.base import run
-from ivfmc_ros.nodes.framework.health import Level
+from ivfmc_ros.nodes.framework.health import WAITING
 from ivfmc_ros.nodes.framework.json_response import describe
 from ivfmc_ros.nodes.framework.lifecycle import LifecycleCellNode
-from ivfmc_ros.storage.messages.camera_info import camera_of
+from ivfmc_ros.storage.messages.camera_info import to_camera
 
-_PLACES = {'simulated': 'simulation', 'opencv': 'device', 'folder': 'folder'}
+# The parameter that locates the camera, by backend.
+_LOCATIONS = {'simulated': 'simulation', 'opencv': 'device', 'folder': 'folder'}
 
 
 class CameraNode(LifecycleCellNode):
-    """Publishes what a Capture delivers."""
+    """Publishes the images of a Capture, which grabs them in a thread of its own."""
 
     def __init__(self) -> None:
         super().__init__('camera')
         self._capture: Capture | None = None
         self._calibration: Camera | None = None
+        # fault of a capture that has not tried to open its device yet
+        self._not_opened = ''
+        # why the calibration does not fit the images, '' when it does
         self._mismatch = ''
-        self._declare_camera()
+        self._declare_parameters()
         self.check(_require_exposure)
         self.fix_while_active('latency', 'width', 'height', 'mono', 'repeat')
         self.changed(self._apply)
@@ -51,7 +60,7 @@ class CameraNode(LifecycleCellNode):
         self.create_service(SetCameraInfo, '~/set_camera_info', self._set_camera_info)
 
     def on_configure(self, state: LifecycleState) -> None:
-        """Read the calibration, and check that the backend knows where its camera is."""
+        """Load the calibration, and check the parameters of the backend."""
         path = self.get('camera_info')
         self._calibration = load_camera(Path(path).expanduser()) if path else None
         self._device()
@@ -59,64 +68,82 @@ class CameraNode(LifecycleCellNode):
     def on_activate(self, state: LifecycleState) -> Any:
         """Open the camera in the background."""
         self._mismatch = ''
-        self._capture = Capture(self._device(), self._exposure(), self._deliver)
+        self._capture = Capture(self._device(), self._exposure(), self._publish)
+        self._not_opened = self._capture.fault
         self._capture.start()
         return super().on_activate(state)
 
-    def let_go(self) -> None:
+    def release_device(self) -> None:
         """Close the camera before the publishers go."""
         capture, self._capture = self._capture, None
         if capture is not None:
             capture.stop()
 
     def before_diagnosis(self) -> None:
-        """Say how many pictures there were, and what is wrong."""
+        """Publish the number of images, and the faults of device and calibration."""
         capture = self._capture
+        self._report_device(capture)
+        if self._mismatch:
+            self.health.fault('camera_info', 'size differs', self._mismatch)
+        else:
+            self.health.clear_fault('camera_info')
         if capture is None:
-            self.status(Level.OK, 'not active')
-            return
-        trouble = capture.trouble or self._mismatch
-        level = Level.ERROR if trouble else Level.OK
-        self.status(level, trouble or 'pictures come', pictures=capture.pictures)
+            self.status('not active')
+        else:
+            activity = '' if capture.fault else 'publishing images'
+            self.status(activity, pictures=capture.image_count)
 
-    def _declare_camera(self) -> None:
-        say = self.parameter
-        backends = tuple(_PLACES)
-        say('backend', 'opencv', 'What takes the pictures.', choices=backends, read_only=True)
-        say('simulation', '', 'simulated: folder of the live cell.', read_only=True)
+    def _report_device(self, capture: Capture | None) -> None:
+        fault = '' if capture is None else capture.fault
+        if fault and fault == self._not_opened:
+            self.health.set(
+                WAITING, 'camera', self.waiting_level(), 'opening the device', 'device is open'
+            )
+            return
+        self.health.clear(WAITING, 'camera')
+        if fault:
+            self.health.fault('camera', 'DEVICE', fault)
+        else:
+            self.health.clear_fault('camera')
+
+    def _declare_parameters(self) -> None:
+        declare = self.parameter
+        backends = tuple(_LOCATIONS)
+        declare('backend', 'opencv', 'Source of the images.', choices=backends, read_only=True)
+        declare('simulation', '', 'simulated: folder of the live cell.', read_only=True)
         device = 'opencv: number, path or URL of the camera.'
-        say('device', '0', device, read_only=True, kind=int)
-        say('latency', 0.0, 'opencv: seconds from exposure to picture.', low=0.0, high=1.0)
-        say('width', 0, 'opencv: pixels to ask for, 0 as it is.', low=0, high=20000)
-        say('height', 0, 'opencv: pixels to ask for, 0 as it is.', low=0, high=20000)
-        say('mono', True, 'opencv: give the brightness of coloured pictures.')
-        say('folder', '', 'folder: of the pictures.', read_only=True)
-        say('repeat', True, 'folder: begin again after the last picture.')
-        say('frame_rate', 15.0, 'Pictures a second.', low=0.1, high=1000.0)
-        say('exposure', 0.005, 'Of each picture, seconds.', low=1e-6, high=1.0)
-        say('gain', 1.0, 'As the camera counts it.', low=0.0, high=100.0)
-        say('camera_info', '', 'Calibration file; set_camera_info writes it.', read_only=True)
-        say('frame_id', 'camera_optical_frame', 'Frame of the pictures.', read_only=True)
+        declare('device', '0', device, read_only=True, kind=int)
+        declare('latency', 0.0, 'opencv: seconds from exposure to delivery.', low=0.0, high=1.0)
+        declare('width', 0, 'opencv: pixels to request; 0: unchanged.', low=0, high=20000)
+        declare('height', 0, 'opencv: pixels to request; 0: unchanged.', low=0, high=20000)
+        declare('mono', True, 'opencv: convert color images to mono.')
+        declare('folder', '', 'folder: path of the folder of images.', read_only=True)
+        declare('repeat', True, 'folder: start over after the last image.')
+        declare('frame_rate', 15.0, 'Images per second.', low=0.1, high=1000.0)
+        declare('exposure', 0.005, 'Exposure time, seconds.', low=1e-6, high=1.0)
+        declare('gain', 1.0, 'Gain in the unit of the device.', low=0.0, high=100.0)
+        declare('camera_info', '', 'Calibration file; set_camera_info writes it.', read_only=True)
+        declare('frame_id', 'camera_optical_frame', 'Frame of the images.', read_only=True)
 
     def _exposure(self) -> Exposure:
         return _exposure({name: self.get(name) for name in ('frame_rate', 'exposure', 'gain')})
 
     def _device(self) -> CameraDevice:
         backend = self.get('backend')
-        place = str(self.get(_PLACES[backend]))
-        if not place:
-            raise ParameterError(f'{_PLACES[backend]}: is needed for the backend {backend}')
+        location = str(self.get(_LOCATIONS[backend]))
+        if not location:
+            raise ParameterError(f'{_LOCATIONS[backend]}: is required by the backend {backend}')
         if backend == 'simulated':
-            # the only place where the graph knows of a simulation
+            # imported here: the only use of the simulation in a node
             from ivfmc_ros.simulation.live.camera import SimulatedCamera
 
-            return SimulatedCamera(Path(place).expanduser(), self._exposure())
+            return SimulatedCamera(Path(location).expanduser(), self._exposure())
         if backend == 'folder':
-            path = Path(place).expanduser()
+            path = Path(location).expanduser()
             return FolderCamera(path, self._exposure(), repeat=self.get('repeat'))
         size = (self.get('width'), self.get('height'))
         return OpencvCamera(
-            place,
+            location,
             self._exposure(),
             size=size if all(size) else None,
             latency=self.get('latency'),
@@ -127,7 +154,7 @@ class CameraNode(LifecycleCellNode):
         if self._capture is not None and names & {'frame_rate', 'exposure', 'gain'}:
             self._capture.set_exposure(self._exposure())
 
-    def _deliver(self, picture: Picture) -> None:
+    def _publish(self, picture: CameraImage) -> None:
         frame_id = self.get('frame_id')
         self._images.publish(to_image(picture.image, picture.stamp_ns, frame_id))
         height, width = picture.image.shape[:2]
@@ -136,7 +163,7 @@ class CameraNode(LifecycleCellNode):
             try:
                 calibration.require_image(picture.image.shape, 'camera_info')
             except ScanError as error:
-                # without one the listeners wait, with a wrong one they would measure
+                # not published: a wrong calibration is worse than none
                 self._mismatch = str(error)
                 return
         self._mismatch = ''
@@ -148,19 +175,21 @@ class CameraNode(LifecycleCellNode):
         try:
             path = self.get('camera_info')
             if not path:
-                raise ParameterError('camera_info: names no file to keep the calibration in')
-            camera = camera_of(request.camera_info, 'set_camera_info')
+                raise ParameterError(
+                    'camera_info: is empty; set it to the file that stores the calibration'
+                )
+            camera = to_camera(request.camera_info, 'set_camera_info')
             save_camera(Path(path).expanduser(), camera)
             self._calibration = camera
             response.success, response.status_message = True, f'written to {path}'
-        except Exception as error:  # the caller gets to know
+        except Exception as error:  # the client gets it
             self.get_logger().error(f'set_camera_info: {describe(error)}')
             response.success, response.status_message = False, describe(error)
         return response
 
 
 def camera_info(camera: Camera | None, width: int, height: int) -> CameraInfo:
-    """Return the calibration of pictures that are not rectified; zeros where there is none."""
+    """Return the camera_info of unrectified images; zeros for an uncalibrated camera."""
     if camera is None:
         return CameraInfo(width=width, height=height)
     projection = np.hstack([camera.K, np.zeros((3, 1))])
@@ -176,7 +205,7 @@ def camera_info(camera: Camera | None, width: int, height: int) -> CameraInfo:
 
 
 def _require_exposure(values: Mapping[str, Any]) -> None:
-    """:raises ParameterError: the values make no exposure."""
+    """:raises ParameterError: exposure time, gain or frame rate are invalid."""
     _exposure(values)
 
 

@@ -1,6 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""``mesher``: views and poses in, a mesh out, on disk and to look at."""
+"""
+Executable ``mesher``: views and their poses to one triangle mesh.
+
+Subscribes to view and view_poses; the service ``build`` writes mesh files into the scan folder and
+publishes a decimated mesh on ``mesh`` and ``mesh_shape`` for display.
+"""
 
 from collections.abc import Callable
 from collections.abc import Mapping
@@ -23,20 +28,20 @@ from ivfmc_ros.nodes.convert import meshes
 from ivfmc_ros.nodes.convert.stamps import nanoseconds
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.base import run
-from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.nodes.processing import worker_jobs
 from ivfmc_ros.nodes.processing.cell_source import CellSource
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.storage.messages.view_poses import to_poses
 from ivfmc_ros.worker import Worker
 
-# Seconds without a further view, after which those that came are all.
+# Seconds without a further view after which no more are expected: views come in one burst.
 _QUIET_S = 3.0
-_LOOK_S = 0.1
+# Seconds between two checks whether all views have been received.
+_POLL_S = 0.1
 
 
 class Mesher(CellNode):
-    """Keeps the last view of each number, and on ``build`` makes one mesh of them."""
+    """Keeps the last view of each number, and builds one mesh of them on request."""
 
     def __init__(self) -> None:
         super().__init__('mesher')
@@ -44,27 +49,33 @@ class Mesher(CellNode):
         self._source = CellSource(self)
         self._views: dict[int, tuple[int, View]] = {}
         self._poses: PoseArray | None = None
-        self._heard_s = self.steady_s()
-        self._waiting: Future | None = None
+        self._received_s = self.steady_s()
+        self._complete: Future | None = None
         self._busy = False
         self._worker = Worker()
         self.changed(self._change)
         self._marker = self.publish_on(Marker, 'mesh')
         self._shape = self.publish_on(MeshMessage, 'mesh_shape')
-        self.subscribe(PointCloud2, 'view', self._take_view)
-        self.subscribe(PoseArray, 'view_poses', self._take_poses)
+        self.subscribe(PointCloud2, 'view', self._receive_view)
+        self.subscribe(PoseArray, 'view_poses', self._receive_poses)
         self.trigger('build', self._build)
         self.trigger('cancel', self._cancel)
-        self.steady_timer(_LOOK_S, self._look)
+        self.steady_timer(_POLL_S, self._check_complete)
 
     def _declare_parameters(self) -> Callable[[], Settings]:
-        self.parameter('scan_id', '', 'Name of the scan; another one begins without views.')
-        self.parameter('scan_folder', '', 'Folder for the mesh files; empty: none are written.')
-        self.parameter('formats', ['stl', 'ply'], f'Mesh files, of {", ".join(FORMATS)}.')
+        self.parameter('scan_id', '', 'Id of the scan; a new one discards the views.')
+        self.parameter('scan_folder', '', 'Folder of the mesh files; empty: no files.')
         self.parameter(
-            'display_triangles', 50_000, 'Triangles that are shown.', low=100, high=1_000_000
+            'formats', ['stl', 'ply'], f'Formats of the mesh files, some of {", ".join(FORMATS)}.'
         )
-        self.check(_check_formats)
+        self.parameter(
+            'display_triangles',
+            50_000,
+            'Maximum number of triangles of the published mesh.',
+            low=100,
+            high=1_000_000,
+        )
+        self.check(_require_formats)
         return self.settings(Settings(), only=('mesh.', 'export_unit'))
 
     def stop(self) -> None:
@@ -78,14 +89,14 @@ class Mesher(CellNode):
             self._poses = None
             self._source.reload()
 
-    def _take_view(self, message: PointCloud2) -> None:
+    def _receive_view(self, message: PointCloud2) -> None:
         view = clouds.to_view(message, 'view')
         self._views[view.number] = nanoseconds(message.header.stamp), view
-        self._heard_s = self.steady_s()
+        self._received_s = self.steady_s()
 
-    def _take_poses(self, message: PoseArray) -> None:
+    def _receive_poses(self, message: PoseArray) -> None:
         self._poses = message
-        self._heard_s = self.steady_s()
+        self._received_s = self.steady_s()
 
     def _cancel(self) -> Mapping[str, Any]:
         if self._busy:
@@ -94,10 +105,10 @@ class Mesher(CellNode):
 
     async def _build(self) -> Mapping[str, Any]:
         if self._busy:
-            raise BusyError('mesher: a mesh is being built')
+            raise BusyError('mesher: a mesh is being built already')
         self._busy = True
         try:
-            views, message = await self._complete()
+            views, message = await self._wait_for_views()
             cell, settings = self._source.cell(), self._settings()
             made = await self.in_thread(
                 self._worker.run,
@@ -125,50 +136,52 @@ class Mesher(CellNode):
             'seconds': made.seconds,
         }
 
-    async def _complete(self) -> tuple[list[View], PoseArray]:
+    async def _wait_for_views(self) -> tuple[list[View], PoseArray]:
         """
-        Wait for the views that belong to the poses: they are large, and come in their own time.
+        Return the views of the last poses, and the poses.
 
-        :raises NotReadyError: no poses, or none of their views
+        Views are large and may be received after the poses that were published with them.
+
+        :raises NotReadyError: no poses, or no view of theirs, were received
         """
-        self._heard_s = self.steady_s()
-        self._waiting = Future()
-        self._look()
-        await self._waiting
+        self._received_s = self.steady_s()
+        self._complete = Future()
+        self._check_complete()
+        await self._complete
         message = self._poses
         if message is None:
             raise NotReadyError(
-                f'mesher: none has come on {self.resolve_topic_name("view_poses")}; '
+                f'mesher: nothing received on {self.resolve_topic_name("view_poses")}; '
                 'call registrar/register first'
             )
-        views = self._belonging(message)
+        views = self._views_of(message)
         if not views:
-            raise NotReadyError(f'mesher: none has come on {self.resolve_topic_name("view")}')
+            raise NotReadyError(f'mesher: nothing received on {self.resolve_topic_name("view")}')
         return views, message
 
-    def _belonging(self, message: PoseArray) -> list[View]:
-        """Return the views of the poses, by number."""
+    def _views_of(self, message: PoseArray) -> list[View]:
+        """Return the views with the stamp of the poses, by number."""
         stamp = nanoseconds(message.header.stamp)
         found = sorted(self._views.items())
         return [
             view for number, (at, view) in found if at == stamp and number < len(message.poses)
         ]
 
-    def _look(self) -> None:
-        """Let a build go on when its views are complete, or nothing comes any more."""
-        if self._waiting is None or self._waiting.done():
+    def _check_complete(self) -> None:
+        """Let a build continue when its views are complete, or when no more are received."""
+        if self._complete is None or self._complete.done():
             return
         message = self._poses
-        complete = message is not None and len(self._belonging(message)) == len(message.poses)
-        if complete or self.steady_s() - self._heard_s > _QUIET_S:
-            self._waiting.set_result(None)
+        complete = message is not None and len(self._views_of(message)) == len(message.poses)
+        if complete or self.steady_s() - self._received_s > _QUIET_S:
+            self._complete.set_result(None)
 
     def before_diagnosis(self) -> None:
-        """Tell what there is to build from."""
-        self.status(Level.OK, '', views=len(self._views), busy=self._busy)
+        """Publish the number of views and whether a mesh is being built."""
+        self.status('', views=len(self._views), busy=self._busy)
 
 
-def _check_formats(values: Mapping[str, Any]) -> None:
+def _require_formats(values: Mapping[str, Any]) -> None:
     require_formats(values.get('formats') or ())
 
 

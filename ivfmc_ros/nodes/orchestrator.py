@@ -1,6 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""``orchestrator``: one service call scans a part."""
+"""
+Executable ``orchestrator``: one service call scans a part.
+
+Runs one scan at a time: moves the table, switches the lasers, and calls the services of the other
+nodes. Services scan, start_scan, cancel, pause, resume; progress on ``scan_status``.
+"""
 
 from pathlib import Path
 import sys
@@ -18,8 +23,8 @@ from ivfmc_ros.errors import ScanError
 from ivfmc_ros.errors import StateError
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.base import run
-from ivfmc_ros.nodes.framework.futures import Helpers
-from ivfmc_ros.nodes.framework.futures import Waiting
+from ivfmc_ros.nodes.framework.futures import ServiceClients
+from ivfmc_ros.nodes.framework.futures import Waiter
 from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.nodes.framework.json_response import Answer
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
@@ -27,25 +32,26 @@ from ivfmc_ros.nodes.scanning.graph_tools import GraphTools
 from ivfmc_ros.nodes.scanning.graph_tools import ScanContext
 from ivfmc_ros.nodes.scanning.running_scan import RunningScan
 from ivfmc_ros.nodes.scanning.scan_parameters import declare_scan_parameters
-from ivfmc_ros.scan import record
-from ivfmc_ros.scan.machine import Machine
+from ivfmc_ros.scan import scan_folder
 from ivfmc_ros.scan.plan import make_plan
-from ivfmc_ros.storage.catalogue import Catalogue
+from ivfmc_ros.scan.state_machine import StateMachine
+from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 
+# Period of ``scan_status`` during a scan, seconds.
 _STATUS_S = 0.5
 
 
 class Orchestrator(CellNode):
-    """Accepts one scan at a time, and leads it from its parameters to its answer."""
+    """Accepts a scan with the current parameters and runs it to its response."""
 
     def __init__(self) -> None:
         super().__init__('orchestrator')
         self.scan_parameters = declare_scan_parameters(self)
-        self._helpers = Helpers(self, Waiting(self))
+        self._services = ServiceClients(self, Waiter(self))
         self._running: RunningScan | None = None
         self._last: RunningScan | None = None
         joint = self.parameter(
-            'joint', 'turntable_joint', 'Name of the table in joint_states.', read_only=True
+            'joint', 'turntable_joint', 'Joint name of the table in joint_states.', read_only=True
         )
         self._link = CellLink(self, joint, self.get('heartbeat_limit'))
         self._status = self.publish_on(DiagnosticStatus, 'scan_status')
@@ -58,23 +64,23 @@ class Orchestrator(CellNode):
         ):
             self.trigger(name, handler, private=False)
         self.steady_timer(_STATUS_S, self._repeat_status)
-        self._close_interrupted()
-        self._tell()
+        self._mark_interrupted_scans()
+        self._publish_status()
 
     def stop(self) -> None:
-        """Let lasers and table stand, and say what became of the scan."""
+        """Turn the lasers off, stop the table, and mark the scan as interrupted."""
         running = self._running
         if running is not None:
             self._link.close()
-            running.interrupted()
+            running.mark_interrupted()
         super().stop()
 
-    def _close_interrupted(self) -> None:
+    def _mark_interrupted_scans(self) -> None:
         root = Path(self.get('scan_root'))
         if not root.is_dir():
             return
         try:
-            interrupted = record.close_interrupted(root)
+            interrupted = scan_folder.mark_interrupted_scans(root)
             for scan_id in interrupted:
                 self.get_logger().warning(f'scan {scan_id} was interrupted and is marked FAILED')
                 Catalogue(root).set_stage(scan_id, 'FAILED', 'INTERRUPTED')
@@ -82,34 +88,34 @@ class Orchestrator(CellNode):
             self.get_logger().warning(str(error))
 
     def _start_scan(self) -> Answer:
-        running = self._accept()
+        running = self._accept_scan()
         return {'scan_id': running.scan_id, 'folder': str(running.folder)}
 
     async def _scan(self) -> Answer:
-        result: Answer = await self._accept().ended
+        result: Answer = await self._accept_scan().ended
         if result['code'] != 'OK':
             more = {key: value for key, value in result.items() if key not in ('code', 'detail')}
             raise HelperError(str(result['code']), str(result.get('detail', '')), **more)
         return result
 
     def _cancel(self) -> Answer:
-        return self._ask(Machine.cancel)
+        return self._request(StateMachine.cancel)
 
     def _pause(self) -> Answer:
-        return self._ask(Machine.pause)
+        return self._request(StateMachine.pause)
 
     def _resume(self) -> Answer:
-        return self._ask(Machine.resume)
+        return self._request(StateMachine.resume)
 
-    def _ask(self, request: Any) -> Answer:
+    def _request(self, request: Any) -> Answer:
         running = self._running
         if running is None:
             raise StateError('no scan is running')
         request(running.machine)
         return {'scan_id': running.scan_id, 'stage': str(running.machine.stage)}
 
-    def _accept(self) -> RunningScan:
-        """Begin a scan with the parameters as they are now."""
+    def _accept_scan(self) -> RunningScan:
+        """Start a scan with the current parameters."""
         if self._running is not None:
             scan_id = self._running.scan_id
             raise BusyError(f'scan {scan_id} is {self._running.machine.stage}', scan_id=scan_id)
@@ -117,7 +123,7 @@ class Orchestrator(CellNode):
         motion = self.scan_parameters.motion()
         cell = Path(self.get('cell'))
         if not self.get('cell'):
-            raise CellError('orchestrator: cell: must be the path of cell.yaml')
+            raise CellError('orchestrator: cell: is empty; set it to the path of cell.yaml')
         draft = load_draft(cell)
         if draft.turntable is not None and draft.turntable.joint != self._link.joint:
             raise CellError(
@@ -126,8 +132,10 @@ class Orchestrator(CellNode):
             )
         names = [laser.name for laser in draft.lasers]
         plan = make_plan(request, names, motion, self._link.position or 0.0)
-        folder = record.new_folder(Path(self.get('scan_root')).absolute(), request.part)
-        machine = Machine(lambda _: self._changed())
+        folder = scan_folder.create_scan_folder(
+            Path(self.get('scan_root')).absolute(), request.part
+        )
+        machine = StateMachine(lambda _: self._on_stage_change())
         context = ScanContext(
             scan_id=folder.name,
             folder=folder,
@@ -139,7 +147,7 @@ class Orchestrator(CellNode):
             patience=self.get('profile_patience'),
             home=self.get('home'),
         )
-        tools = GraphTools(self, self._link, self._helpers, context, machine)
+        tools = GraphTools(self, self._link, self._services, context, machine)
         running = RunningScan(
             context=context,
             machine=machine,
@@ -147,49 +155,49 @@ class Orchestrator(CellNode):
             link=self._link,
             ended=Future(executor=self.executor),
         )
-        running.accepted(draft, self._snapshot())
+        running.save_inputs(draft, self._snapshot())
         self._running = running
-        self.executor.create_task(self._lead, running)
-        self.get_logger().info(f'scan {running.scan_id} begins')
+        self.executor.create_task(self._run_scan, running)
+        self.get_logger().info(f'scan {running.scan_id} started')
         return running
 
-    async def _lead(self, running: RunningScan) -> None:
-        """Take the scan to its end; nothing is raised here, it would end the executor."""
+    async def _run_scan(self, running: RunningScan) -> None:
+        """Run a scan to its end; raises nothing, which would end the executor."""
         try:
             result = await running.run()
-        except Exception as error:  # even a report that cannot be written must not be the last
-            self.trouble('scan', error)
+        except Exception as error:  # such as a report that cannot be written
+            self.fault('scan', error)
             code = error.code if isinstance(error, ScanError) else 'INTERNAL'
             result = {'code': code, 'detail': str(error), 'scan_id': running.scan_id}
             self._link.hold(None)
         else:
-            self.health.clear('scan')
+            self.health.clear_fault('scan')
         running.result = result
         self._last, self._running = running, None
-        self._tell()
+        self._publish_status()
         self.get_logger().info(f'scan {running.scan_id} ended: {result["code"]}')
         running.ended.set_result(result)
 
     def _snapshot(self) -> dict[str, Any]:
         return {name: self.get(name) for name in sorted(self._parameters)}
 
-    def _changed(self) -> None:
+    def _on_stage_change(self) -> None:
         running = self._running
-        # the end is told together with the answer
+        # the final status is published together with the response
         if running is not None and running.machine.running:
-            running.changed()
-            self._tell()
+            running.on_stage_change()
+            self._publish_status()
 
     def _repeat_status(self) -> None:
         running = self._running
-        # the end is told together with the answer
+        # the final status is published together with the response
         if running is not None and running.machine.running:
-            running.counted()
-            self._tell()
+            running.update_progress()
+            self._publish_status()
 
-    def _tell(self) -> None:
+    def _publish_status(self) -> None:
         shown = self._running or self._last
-        values = shown.status() if shown is not None else RunningScan.nothing()
+        values = shown.status() if shown is not None else RunningScan.idle_status()
         level = Level.OK if values['code'] in ('', 'OK') else Level.ERROR
         message = values['stage']
         self._status.publish(
@@ -201,7 +209,7 @@ class Orchestrator(CellNode):
                 values=[KeyValue(key=key, value=value) for key, value in values.items()],
             )
         )
-        self.health.set('status', Level.OK, message.lower())
+        self.status(message.lower())
 
 
 def main() -> None:

@@ -1,14 +1,17 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-``triangulator``: pictures in, profiles out.
+Executable ``triangulator``: camera images to laser profiles in the turntable frame.
 
-A picture waits until the table (and the lasers) have been reported past its exposure. The
-waiting ones are bounded, and the oldest goes first.
+Subscribes to image_raw, camera_info, joint_states and laser_states; publishes ``profile``, and
+``stripe_image/compressed`` for debugging. An image waits in a bounded queue until table and lasers
+have been reported past its exposure; when the queue is full, the oldest image is dropped.
 """
 
 from collections import Counter
+from collections.abc import Callable
 from collections.abc import Sequence
+from functools import partial
 import sys
 
 from sensor_msgs.msg import CompressedImage
@@ -17,7 +20,7 @@ from sensor_msgs.msg import JointState
 from sensor_msgs.msg import PointCloud2
 
 from ivfmc_ros.cell.cell import Cell
-from ivfmc_ros.errors import MessageError
+from ivfmc_ros.errors import NotReadyError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.model import Frame
@@ -30,77 +33,110 @@ from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.base import run
 from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.nodes.processing.cell_source import CellSource
-from ivfmc_ros.nodes.processing.stripe_image import StripePicture
+from ivfmc_ros.nodes.processing.stripe_image import StripeImagePublisher
 from ivfmc_ros.nodes.processing.triangulator_parameters import declare
 from ivfmc_ros.nodes.processing.triangulator_parameters import match_settings
-from ivfmc_ros.storage.frame_matching import Match
-from ivfmc_ros.storage.frame_matching import Matcher
-from ivfmc_ros.storage.reports import joint_of
+from ivfmc_ros.storage.matching.frame_matching import FrameMatch
+from ivfmc_ros.storage.matching.frame_matching import FrameMatcher
+from ivfmc_ros.storage.matching.joint_history import joint_in_message
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
-from ivfmc_ros.stripe.sampling import Measured
-from ivfmc_ros.stripe.sampling import SampledAcquisition
+from ivfmc_ros.stripe.stream import FrameProfiles
+from ivfmc_ros.stripe.stream import StreamAcquisition
 
-# The first pictures of a scan are measured at once, which takes a while; none is lost meanwhile.
-_PICTURE_DEPTH = 90
-# Seconds between looks at pictures for which nothing comes any more.
-_LOOK_S = 0.05
-# Seconds of work at a time, so that messages are taken in and the heart beats in between.
+# Queue of image messages: 1.5 s at 60 images/s, the time that the first images of a scan take,
+# which are processed together (``StreamAcquisition``).
+_IMAGE_DEPTH = 90
+# Seconds between two checks for images whose time-out (``patience``) has passed.
+_POLL_S = 0.05
+# Seconds of work in one callback, so that messages and the heartbeat are handled in between.
 _BUDGET_S = 0.04
-# The first pictures of a scan decide together what the settings leave open; after such a pause
-# those that came decide. In steps, somebody may wait for a profile before the table turns on.
+# The first images of a scan determine the automatic settings together. Seconds without a further
+# image after which those received so far do; in step motion the orchestrator may be waiting for a
+# profile before it moves the table on.
 _SAMPLE_WAIT_S = {'continuous': 5.0, 'step': 1.0}
-# Stamps of one clock that come at the same time differ by less.
-_ONE_CLOCK_S = 2.0
-# Parameters that change how a picture is measured.
+# Seconds by which stamps of images and joint states may differ: more than any delay of one clock.
+_MAX_CLOCK_OFFSET_S = 2.0
+# Seconds after a jump of the stamps until it is no condition any more.
+_JUMP_CONDITION_S = 5.0
+# Joint name while there is no cell.yaml.
+_DEFAULT_JOINT = 'turntable_joint'
+# Kinds of conditions.
+_JUMP = 'stamps jumped back'
+_CLOCKS = 'clocks differ'
+# Prefixes of the parameters that change how an image is processed.
 _ACQUISITION = ('extract.', 'volume.', 'noise_')
 
 
 class Triangulator(CellNode):
-    """Turns each picture into a profile, at the angle that the table had."""
+    """Publishes a profile for each image, at the table angle at its stamp."""
 
     def __init__(self) -> None:
         super().__init__('triangulator')
         self._settings = declare(self)
         self._source = CellSource(self)
-        self._matcher = Matcher(())
-        self._stream: SampledAcquisition | None = None
+        self._matcher = FrameMatcher(())
+        self._stream: StreamAcquisition | None = None
         self._acquisition: Acquisition | None = None
-        self._measured_by: AcquisitionSettings | None = None
+        self._acquisition_settings: AcquisitionSettings | None = None
         self._counts: Counter[str] = Counter()
         self._seq = 0
-        self._last_s = self.steady_s()
+        self._last_profile_s = self.steady_s()
         self._working = False
-        self._ahead_s = 0.0
+        self._clock_offset_s = 0.0
+        # when the stamps of a topic last jumped back, steady clock
+        self._jumps_s: dict[str, float] = {}
+        # joints and lasers of messages that have none of ours
+        self._other_joints = self._other_lasers = ''
         self.changed(self._change)
         self._change({'view', 'cell'})
         self._profiles = self.publish_on(PointCloud2, 'profile')
-        self._picture = StripePicture(self)
-        self._pictures = AdaptiveSubscription(
-            self, ImageMessage, 'image_raw', self._take_picture, depth=_PICTURE_DEPTH
+        self._stripe_image = StripeImagePublisher(self)
+        self._images = AdaptiveSubscription(
+            self, ImageMessage, 'image_raw', self._receive_image, depth=_IMAGE_DEPTH
         )
         self._compressed = AdaptiveSubscription(
             self,
             CompressedImage,
             'image_raw/compressed',
-            self._take_compressed,
-            depth=_PICTURE_DEPTH,
+            self._receive_compressed,
+            depth=_IMAGE_DEPTH,
         )
-        self._joints = AdaptiveSubscription(self, JointState, 'joint_states', self._take_joints)
-        self._lasers = AdaptiveSubscription(self, JointState, 'laser_states', self._take_lasers)
-        self.steady_timer(_LOOK_S, self._work)
+        self._joints = AdaptiveSubscription(self, JointState, 'joint_states', self._receive_joints)
+        self._lasers = AdaptiveSubscription(self, JointState, 'laser_states', self._receive_lasers)
+        self._expect_inputs()
+        self.steady_timer(_POLL_S, self._work)
+
+    def _expect_inputs(self) -> None:
+        for name, received, others, subscription in (
+            ('image_raw', lambda: self._counts['pictures'], str, self._images),
+            (
+                'joint_states',
+                lambda: self._matcher.table_known,
+                lambda: self._other_joints,
+                self._joints,
+            ),
+            (
+                'laser_states',
+                lambda: self._matcher.lasers_known,
+                lambda: self._other_lasers,
+                self._lasers,
+            ),
+        ):
+            text = partial(_waiting_text, subscription, others)
+            self.expect(name, received, text, f'received on {subscription.topic}')
 
     def _change(self, names: set[str]) -> None:
         if 'scan_id' in names:
             self._seq = 0
-            self._matcher.restart()
+            self._matcher.reset()
             self._source.reload()
             self._counts.clear()
-        # cell.yaml may have been written anew, with other lasers
-        if 'cell' in names or self._matcher.names != tuple(self._laser_names()):
-            self._matcher = Matcher(self._laser_names())
+        # cell.yaml may have changed, with other lasers
+        if 'cell' in names or self._matcher.laser_names != tuple(self._laser_names()):
+            self._matcher = FrameMatcher(self._laser_names())
         if 'scan_id' in names or any(name.startswith(_ACQUISITION) for name in names):
-            # the first pictures decide anew
+            # the next images determine the automatic settings again
             self._stream = None
         self._matcher.settings = match_settings(self.get, self._laser_names())
 
@@ -108,117 +144,122 @@ class Triangulator(CellNode):
         draft = self._source.draft
         return [laser.name for laser in draft.lasers] if draft else []
 
-    def _take_picture(self, message: ImageMessage) -> None:
+    def _receive_image(self, message: ImageMessage | CompressedImage) -> None:
         self._counts['pictures'] += 1
         stamp_ns = nanoseconds(message.header.stamp)
-        self._ahead_s = self._matcher.ahead_s(stamp_ns)
-        self._matcher.picture(stamp_ns, message, self.steady_s())
+        self._clock_offset_s = self._matcher.ahead_of_table_s(stamp_ns)
+        self._matcher.add_image(stamp_ns, message, self.steady_s())
         if len(self._matcher) > self.get('queue'):
             self._counts[self._matcher.drop_oldest().reason] += 1
         self._work()
 
-    def _take_compressed(self, message: CompressedImage) -> None:
-        # who sends both sends the same picture twice
-        if not self._pictures.publishers:
-            self._take_picture(message)
+    def _receive_compressed(self, message: CompressedImage) -> None:
+        # a driver that publishes both topics publishes each image twice
+        if not self._images.publishers:
+            self._receive_image(message)
 
-    def _take_joints(self, message: JointState) -> None:
+    def _receive_joints(self, message: JointState) -> None:
         draft = self._source.draft
-        joint = draft.turntable.joint if draft and draft.turntable else 'turntable_joint'
-        stated = joint_of(message, joint)
-        if stated is None:
-            stated_there = zip(message.name, message.position, strict=False)
-            there = ', '.join(f'{name} {value:g}' for name, value in stated_there) or 'none'
-            raise MessageError(
-                f'{self._joints.topic}: has no position of joint {joint!r}; joints there: {there}'
-            )
-        stamp = nanoseconds(message.header.stamp)
-        if not self._matcher.table(stamp, *stated, now_s=self.steady_s()):
-            self._jumped(self._joints.topic)
+        joint = draft.turntable.joint if draft and draft.turntable else _DEFAULT_JOINT
+        state = joint_in_message(message, joint)
+        if state is None:
+            # normal where other devices publish on the same topic
+            positions = zip(message.name, message.position, strict=False)
+            names = ', '.join(f'{name} {value:g}' for name, value in positions) or 'none'
+            self._other_joints = f'position of joint {joint!r}; last message has joints: {names}'
+            return
+        stamp_ns = nanoseconds(message.header.stamp)
+        if not self._matcher.add_table_position(stamp_ns, *state, now_s=self.steady_s()):
+            self._report_jump(self._joints.topic)
         self._work()
 
-    def _take_lasers(self, message: JointState) -> None:
-        names = set(self._laser_names())
-        if names.isdisjoint(message.name):
-            there = ', '.join(message.name) or 'none'
-            raise MessageError(
-                f'{self._lasers.topic}: names none of the lasers {", ".join(sorted(names))}; '
-                f'lasers there: {there}'
+    def _receive_lasers(self, message: JointState) -> None:
+        names = self._laser_names()
+        if set(names).isdisjoint(message.name):
+            others = ', '.join(message.name) or 'none'
+            self._other_lasers = (
+                f'state of the lasers {", ".join(names)}; last message has: {others}'
             )
+            return
         states = dict(zip(message.name, message.position, strict=False))
-        stamp = nanoseconds(message.header.stamp)
-        if not self._matcher.lasers(stamp, states, self.steady_s()):
-            self._jumped(self._lasers.topic)
+        stamp_ns = nanoseconds(message.header.stamp)
+        if not self._matcher.add_laser_states(stamp_ns, states, self.steady_s()):
+            self._report_jump(self._lasers.topic)
         self._work()
 
-    def _jumped(self, topic: str) -> None:
+    def _report_jump(self, topic: str) -> None:
         self._counts['jumps'] += 1
-        self.get_logger().warning(f'{topic}: stamps jumped back; what was known is forgotten')
+        self._jumps_s[topic] = self.steady_s()
+        text = 'stamps jumped back; the states received before are discarded'
+        self.health.set(_JUMP, topic, Level.WARN, text, 'stamps increase again')
 
     def _work(self) -> None:
-        """Take in what waits, and measure the pictures that can be judged, for a while."""
+        """Receive queued messages, then process images for up to ``_BUDGET_S``."""
         if self._working or self._is_idle():
             return
         self._working = True
         try:
-            for subscription in (self._joints, self._lasers, self._pictures):
+            for subscription in (self._joints, self._lasers, self._images):
                 subscription.drain()
-            self._measure_ready(self.steady_s())
+            self._process_matches(self.steady_s())
         finally:
             self._working = False
 
-    def _measure_ready(self, start: float) -> None:
+    def _process_matches(self, start: float) -> None:
         stream = self._ready_stream()
         if stream is None:
             return
-        for match in self._matcher.ready(start, self.get('patience')):
-            self._measure(stream, match)
+        for match in self._matcher.pop_matches(start, self.get('patience')):
+            self._process(stream, match)
             if self.steady_s() - start > _BUDGET_S:
                 return
-        if stream.waiting and start - self._last_s > _SAMPLE_WAIT_S[self.get('motion')]:
+        if stream.waiting and start - self._last_profile_s > _SAMPLE_WAIT_S[self.get('motion')]:
             self._publish(stream.flush())
 
     def _is_idle(self) -> bool:
         if self._stream is None and self._source.complete:
-            # now, and not when the first picture comes
+            # prepare before the first image is received
             self._ready_stream()
         return not len(self._matcher) and not (self._stream and self._stream.waiting)
 
-    def _ready_stream(self) -> SampledAcquisition | None:
-        """Return what measures; None, and a condition by name, while something is missing."""
+    def _ready_stream(self) -> StreamAcquisition | None:
+        """Return the acquisition; None, with a condition, while the cell is incomplete."""
         try:
             cell = self._source.cell()
             if self._stream is None or self._stream.acquisition.cell is not cell:
                 self._require_one_laser(cell)
-                self._stream = SampledAcquisition(self._new_acquisition(cell))
-        except ScanError as error:
-            self.trouble('cell', error)
+                self._stream = StreamAcquisition(self._new_acquisition(cell))
+        except NotReadyError:
+            # a condition of the CellSource
             return None
-        self.health.clear('cell')
+        except ScanError as error:
+            self.fault('cell', error)
+            return None
+        self.health.clear_fault('cell')
         return self._stream
 
     def _new_acquisition(self, cell: Cell) -> Acquisition:
-        """Return one for a scan; where the stripe can be takes half a second to find out."""
+        """Return an acquisition; reuses the image mask, whose computation takes 0.5 s."""
         known, settings = self._acquisition, self._settings()
-        if known is not None and known.cell is cell and self._measured_by == settings:
-            return known.restarted()
-        self._acquisition, self._measured_by = Acquisition(cell, settings), settings
-        return self._acquisition.restarted()
+        if known is not None and known.cell is cell and self._acquisition_settings == settings:
+            return known.for_new_scan()
+        self._acquisition, self._acquisition_settings = Acquisition(cell, settings), settings
+        return self._acquisition.for_new_scan()
 
     def _require_one_laser(self, cell: Cell) -> None:
         if self.get('laser_source') == 'always_on' and len(cell.lasers) != 1:
             names = ', '.join(laser.name for laser in cell.lasers)
             raise ParameterError(
-                f'laser_source: always_on needs a cell of one laser; this one has {names}'
+                f'laser_source: always_on requires a cell with one laser; cell.yaml has {names}'
             )
 
-    def _measure(self, stream: SampledAcquisition, match: Match) -> None:
+    def _process(self, stream: StreamAcquisition, match: FrameMatch) -> None:
         if match.reason:
             self._counts[match.reason] += 1
             return
         try:
             image = self._image(match.payload)
-            where = f'{self._pictures.topic} and camera_info do not go together'
+            where = f'{self._images.topic} and camera_info do not match'
             stream.acquisition.cell.camera.require_image(image.shape, where)
             frame = Frame(
                 image=image,
@@ -233,56 +274,54 @@ class Triangulator(CellNode):
             measured = stream.add(frame)
         except ScanError as error:
             self._counts['refused'] += 1
-            self.trouble('picture', error)
+            self.fault('image', error)
             return
-        # pictures that are not used must not make those wait that are
-        self._last_s = self.steady_s()
+        # images that are not used must not delay those that are
+        self._last_profile_s = self.steady_s()
         self._seq += 1
-        self.health.clear('picture')
+        self.health.clear_fault('image')
         self._publish(measured)
 
     def _image(self, message: ImageMessage | CompressedImage) -> Image:
-        return images.from_image(message, self._pictures.topic)
+        return images.from_image(message, self._images.topic)
 
-    def _publish(self, measured: Measured) -> None:
+    def _publish(self, measured: FrameProfiles) -> None:
         for _, profile in measured:
             self._profiles.publish(clouds.from_profile(profile))
             self._counts['profiles'] += 1
             self._counts['empty profiles'] += not len(profile)
-        # what goes wrong with a picture to look at must cost no profile
+        # last, so that an error in a debug image costs no profile
         for frame, profile in measured:
-            self._picture.show(frame, profile)
+            self._stripe_image.publish(frame, profile)
 
     def before_diagnosis(self) -> None:
-        """Say by name what has not come, and how many pictures became what."""
-        waiting = len(self._matcher)
-        self._miss('image_raw', bool(self._counts['pictures']), self._pictures)
-        self._miss('joint_states', self._matcher.table_known, self._joints)
-        self._miss('laser_states', self._matcher.lasers_known, self._lasers)
+        """Publish how many images became profiles, and why the others did not."""
         self._compare_clocks()
-        counted = ', '.join(f'{count} {name}' for name, count in self._counts.items() if count)
-        self.status(Level.OK, '', waiting=waiting, counts=counted, scan_id=self.get('scan_id'))
+        for topic, jumped_s in list(self._jumps_s.items()):
+            if self.steady_s() - jumped_s > _JUMP_CONDITION_S:
+                del self._jumps_s[topic]
+                self.health.clear(_JUMP, topic)
+        counts = ', '.join(f'{count} {name}' for name, count in self._counts.items() if count)
+        waiting, scan_id = len(self._matcher), self.get('scan_id')
+        self.status('', waiting=waiting, counts=counts, scan_id=scan_id)
 
     def _compare_clocks(self) -> None:
-        ahead = self._ahead_s
-        text = (
-            f'{self._pictures.topic}: stamps are {abs(ahead):.1f} s '
-            f'{"ahead of" if ahead > 0.0 else "behind"} those of {self._joints.topic}; '
-            'do their clocks agree?'
-        )
-        wrong = abs(ahead) > _ONE_CLOCK_S
-        self.health.set('clocks', Level.WARN if wrong else Level.OK, text if wrong else '')
-
-    def _miss(self, name: str, come: bool, subscription: AdaptiveSubscription) -> None:
-        if come or name in self.health.conditions:
-            # a message that comes takes the condition back itself
+        offset, topic = self._clock_offset_s, self._images.topic
+        if abs(offset) <= _MAX_CLOCK_OFFSET_S:
+            self.health.clear(_CLOCKS, topic)
             return
-        self.health.set(
-            name,
-            Level.WARN,
-            f'{name}: none has come on {subscription.topic}, which '
-            f'{"has a publisher" if subscription.publishers else "nobody publishes"}',
+        text = (
+            f'stamps are {abs(offset):.1f} s {"ahead of" if offset > 0.0 else "behind"} those of '
+            f'{self._joints.topic}; synchronize the clocks of the two publishers'
         )
+        self.health.set(
+            _CLOCKS, topic, Level.WARN, text, f'clock agrees with {self._joints.topic}'
+        )
+
+
+def _waiting_text(subscription: AdaptiveSubscription, others: Callable[[], str]) -> str:
+    awaited = others() or 'a message'
+    return f'waiting for {awaited} on {subscription.topic} (publishers: {subscription.publishers})'
 
 
 def main() -> None:

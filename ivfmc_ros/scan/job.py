@@ -1,10 +1,10 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The course of a scan, told once for every kind of cell.
+The sequence of a scan: prepare, take every sweep, register, mesh, finish.
 
-What it does things with is behind the protocol ``Tools``: the node orchestrator talks to the
-graph, a test answers by itself. The job neither knows ROS nor waits in a thread.
+Every action goes through the protocol ``Tools``: the orchestrator implements it by topics and
+services of the graph, a test by plain functions. The sequence imports no ROS and starts no thread.
 """
 
 from collections.abc import Mapping
@@ -15,70 +15,72 @@ from typing import Protocol
 
 from ivfmc_ros.errors import CancelledError
 from ivfmc_ros.errors import ScanError
-from ivfmc_ros.scan.machine import Machine
-from ivfmc_ros.scan.machine import Stage
-from ivfmc_ros.scan.plan import Motion
+from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.plan import Plan
 from ivfmc_ros.scan.plan import Sweep
+from ivfmc_ros.scan.state_machine import Stage
+from ivfmc_ros.scan.state_machine import StateMachine
 from ivfmc_ros.stopwatch import Stopwatch
 
 
 class Tools(Protocol):
-    """What a scan needs done. Whatever cannot be done raises ScanError."""
+    """The actions that a scan needs. Every one raises ScanError where it fails."""
 
     async def prepare(self) -> None:
-        """Tell everybody which scan it is, and begin to record."""
+        """Send the id and the settings of the scan to the nodes, and start the recorder."""
 
-    async def select(self, sweep: Sweep) -> None:
-        """Let profiles belong to the views of this sweep from now on."""
+    async def select_views(self, sweep: Sweep) -> None:
+        """Set the view numbers of this sweep for the profiles that follow."""
 
     async def move(self, position: float, velocity: float) -> None:
-        """Turn the table to a position (radians) at so many rad/s; return when it stands."""
+        """Turn the table to ``position`` (rad) at ``velocity`` (rad/s); return at standstill."""
 
-    async def light(self, laser: str) -> None:
-        """Let this laser shine and no other, and return when it does."""
+    async def laser_on(self, laser: str) -> None:
+        """Switch this laser on and all others off; return when that is reported."""
 
-    def dark(self) -> None:
-        """Let all lasers go out."""
+    def lasers_off(self) -> None:
+        """Command all lasers off; does not wait."""
 
-    async def dark_frame(self) -> None:
-        """Return when a picture was taken with all lasers off where the table stands."""
+    async def take_dark_frame(self) -> None:
+        """Return when an image was exposed with all lasers off at the present position."""
 
-    async def profile_of(self, view: int) -> None:
-        """Return when a view has its profile of where the table stands."""
+    async def wait_for_profile(self, view: int) -> None:
+        """Return when a profile of ``view`` at the present position has been received."""
 
-    async def rate(self, sweep: Sweep) -> float:
-        """Return how many profiles a second come of the laser that shines, the table standing."""
+    async def measure_profile_rate(self, sweep: Sweep) -> float:
+        """Return the rate of profiles, 1/s, with the present laser at standstill."""
 
-    async def settled(self, sweep: Sweep) -> None:
-        """Return when every picture of the sweep has become a profile."""
+    async def wait_for_sweep_profiles(self, sweep: Sweep) -> None:
+        """Return when all images of the sweep have been processed."""
 
-    async def resumed(self) -> None:
-        """Return when the scan shall go on."""
+    async def wait_until_resumed(self) -> None:
+        """Return when the operator resumes the scan."""
 
-    async def recorded(self) -> None:
+    async def wait_until_recorded(self) -> None:
         """Return when every profile is in the bag."""
 
     async def register(self) -> Mapping[str, Any]:
-        """Bring the views together, and return what is said of them."""
+        """Register all views; return the registrar's response."""
 
-    async def build(self) -> Mapping[str, Any]:
-        """Make the mesh, and return what is said of it."""
+    async def build_mesh(self) -> Mapping[str, Any]:
+        """Build the mesh and its files; return the mesher's response."""
 
     async def finish(self, outcome: 'Outcome') -> None:
-        """Close the bag and write what belongs to the scan."""
+        """Close the bag and write the report of the scan."""
 
-    async def halt(self, outcome: 'Outcome') -> None:
-        """Stop the table and close the bag, as far as that is possible; never raises."""
+    async def abort(self, outcome: 'Outcome') -> None:
+        """Stop the table and close the bag as far as possible; never raises."""
 
 
 @dataclass(kw_only=True)
 class Outcome:
     """
-    What came of a scan.
+    The result of a scan.
 
-    code : OK, or that of the error that ended it
-    seconds : of each stage
+    code : 'OK', or the code of the error that ended the scan
+    detail : message of that error
+    registration, mesh : responses of registrar and mesher
+    seconds : duration of each stage
     """
 
     code: str = 'OK'
@@ -88,9 +90,11 @@ class Outcome:
     seconds: dict[str, float] = field(default_factory=dict)
 
 
-async def run_job(machine: Machine, plan: Plan, motion: Motion, tools: Tools) -> Outcome:
+async def run_job(
+    machine: StateMachine, plan: Plan, motion: MotionLimits, tools: Tools
+) -> Outcome:
     """
-    Take a scan from its beginning to its end, whatever that is.
+    Run a scan to its end; errors are returned in the outcome, not raised.
 
     The lasers are off when it returns, and the machine is DONE, FAILED or CANCELLED.
     """
@@ -107,18 +111,18 @@ async def run_job(machine: Machine, plan: Plan, motion: Motion, tools: Tools) ->
         outcome.code, outcome.detail = 'INTERNAL', f'{type(error).__name__}: {error}'
         end = Stage.FAILED
     finally:
-        tools.dark()
+        tools.lasers_off()
     outcome.seconds = watch.seconds
     if end is not Stage.DONE:
-        await tools.halt(outcome)
+        await tools.abort(outcome)
     machine.advance(end)
     return outcome
 
 
 async def _stages(
-    machine: Machine,
+    machine: StateMachine,
     plan: Plan,
-    motion: Motion,
+    motion: MotionLimits,
     tools: Tools,
     outcome: Outcome,
     watch: Stopwatch,
@@ -130,69 +134,71 @@ async def _stages(
     with watch.stage('scanning'):
         for sweep in plan.sweeps:
             await _sweep(sweep, machine, motion, tools)
-        tools.dark()
-        await tools.recorded()
+        tools.lasers_off()
+        await tools.wait_until_recorded()
     machine.advance(Stage.REGISTERING)
     with watch.stage('registering'):
         outcome.registration = await tools.register()
-    machine.check()
+    machine.raise_if_cancelled()
     machine.advance(Stage.MESHING)
     with watch.stage('meshing'):
-        outcome.mesh = await tools.build()
-    machine.check()
+        outcome.mesh = await tools.build_mesh()
+    machine.raise_if_cancelled()
     machine.advance(Stage.FINISHING)
     outcome.seconds = watch.seconds
     with watch.stage('finishing'):
         await tools.finish(outcome)
 
 
-async def _sweep(sweep: Sweep, machine: Machine, motion: Motion, tools: Tools) -> None:
+async def _sweep(sweep: Sweep, machine: StateMachine, motion: MotionLimits, tools: Tools) -> None:
     await _wait_while_paused(machine, tools)
-    # a laser that still shone would give the new views a profile of the old place
-    tools.dark()
+    # a laser left on would add profiles of the previous position to the new views
+    tools.lasers_off()
     if sweep.velocity > 0.0:
-        await _smoothly(sweep, motion, tools)
+        await _continuous_sweep(sweep, motion, tools)
     else:
-        await _stepwise(sweep, machine, motion, tools)
+        await _step_sweep(sweep, machine, motion, tools)
 
 
-async def _smoothly(sweep: Sweep, motion: Motion, tools: Tools) -> None:
-    """Take the profiles in one smooth move, with room for its ramps before and after."""
-    lead = sweep.lead(motion)
+async def _continuous_sweep(sweep: Sweep, motion: MotionLimits, tools: Tools) -> None:
+    """Take the profiles in one move; the lead angle before and after holds its ramps."""
+    lead = sweep.lead_angle(motion)
     begin, end = sweep.start - lead, sweep.start + sweep.span + lead
     await tools.move(begin, motion.velocity)
-    await tools.select(sweep)
-    await tools.light(sweep.lasers[0])
-    velocity = sweep.slowed(await tools.rate(sweep))
+    await tools.select_views(sweep)
+    await tools.laser_on(sweep.lasers[0])
+    velocity = sweep.limited_velocity(await tools.measure_profile_rate(sweep))
     await tools.move(end, velocity)
-    await tools.settled(sweep)
-    tools.dark()
+    await tools.wait_for_sweep_profiles(sweep)
+    tools.lasers_off()
 
 
-async def _stepwise(sweep: Sweep, machine: Machine, motion: Motion, tools: Tools) -> None:
-    """Stop for every profile; the lasers take turns, the one that shines first."""
+async def _step_sweep(
+    sweep: Sweep, machine: StateMachine, motion: MotionLimits, tools: Tools
+) -> None:
+    """Stop at every angle and take one profile per laser."""
     lasers = list(sweep.lasers)
-    names = dict(zip(sweep.lasers, sorted(v for v in sweep.views if v >= 0), strict=True))
+    views = dict(zip(sweep.lasers, sorted(v for v in sweep.views if v >= 0), strict=True))
     for number, angle in enumerate(sweep.angles()):
         await _wait_while_paused(machine, tools)
         await tools.move(angle, motion.velocity)
         if number == 0:
-            await tools.select(sweep)
+            await tools.select_views(sweep)
         if sweep.dark:
-            tools.dark()
-            await tools.dark_frame()
+            tools.lasers_off()
+            await tools.take_dark_frame()
         for laser in lasers:
-            await tools.light(laser)
-            await tools.profile_of(names[laser])
-        # switching takes longer than a picture: go on with the laser that is on
+            await tools.laser_on(laser)
+            await tools.wait_for_profile(views[laser])
+        # switching takes longer than an exposure: the next stop starts with the laser that is on
         lasers.reverse()
 
 
-async def _wait_while_paused(machine: Machine, tools: Tools) -> None:
-    machine.check()
-    if not machine.pausing:
+async def _wait_while_paused(machine: StateMachine, tools: Tools) -> None:
+    machine.raise_if_cancelled()
+    if not machine.pause_requested:
         return
-    tools.dark()
+    tools.lasers_off()
     machine.advance(Stage.PAUSED)
-    await tools.resumed()
+    await tools.wait_until_resumed()
     machine.advance(Stage.SCANNING)

@@ -1,12 +1,12 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Which sweeps a scan takes, and which profiles of which laser belong to which view.
+Plans the sweeps of a scan: start, span, velocity, lasers and view numbers of each.
 
-View numbers are those of ``profile.view``: sweep by sweep of the turn, and in each sweep laser by
-laser. In step motion the lasers take turns at every stop, so that one sweep makes a view of each;
-in continuous motion every view is a sweep of its own, because a board that switches its laser
-lines only when motion has ended cannot change them under way.
+View numbers (field ``view`` of a profile) count sweep by sweep and, in each sweep, laser by laser.
+In step motion the lasers alternate at every stop, so one sweep yields one view per laser. In
+continuous motion every view is a sweep of its own: GRBL executes laser commands only after all
+queued motion has ended, so the laser cannot change during a move.
 """
 
 from collections.abc import Sequence
@@ -17,21 +17,25 @@ from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.scan.request import ScanRequest
 from ivfmc_ros.validation import require_in_range
 
+# View number of a laser of the cell that a sweep does not use.
 NOT_MEASURED = -1
 
 _TURN = 2.0 * math.pi
+# Radians by which the position after a move may exceed its target; a start that is passed by less
+# costs no extra turn.
+_POSITION_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
 class MotionLimits:
     """
-    What the table can do and how long a sweep needs to be smooth.
+    Limits of the table's motion and of the camera's rate.
 
-    profile_rate : profiles a second that the camera gives in continuous motion
-    velocity, acceleration : rad/s and rad/s^2; the velocity is that of steps, and the most that a
-        sweep may have
-    lead_time : seconds at constant speed before the first profile and after the last; the motion
-        model is fitted to them, too
+    profile_rate : profiles per second that the camera delivers in continuous motion
+    velocity, acceleration : rad/s and rad/s^2; the velocity of positioning moves, and the upper
+        limit for a sweep
+    lead_time : seconds at constant speed before the first profile and after the last one; the
+        motion model is fitted to them as well
     """
 
     profile_rate: float = 10.0
@@ -44,21 +48,21 @@ class MotionLimits:
             require_in_range(key, value, 0.0, math.inf, open_low=True, open_high=True)
 
     def seconds(self, distance: float, velocity: float) -> float:
-        """Return how long a move of so many radians takes, with its ramps."""
+        """Return the duration, s, of a move of ``distance`` rad with trapezoidal velocity."""
         return abs(distance) / velocity + velocity / self.acceleration
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sweep:
     """
-    One run of the table.
+    One run of the table over a range of angles.
 
-    views : view number of each laser of the cell, in its order; NOT_MEASURED for the others
-    lasers : names of those that are measured, in the order in which they shine
-    start, span : radians of table position at the first profile, and from there to the end
-    profiles : of each laser
-    velocity : rad/s while profiles are taken; 0.0 where the table stands for each of them
-    dark : a picture with all lasers off comes first at every stop
+    views : view number of each laser, in the order of the cell; NOT_MEASURED for unused ones
+    lasers : names of the used lasers, in the order in which they are switched on
+    start, span : table position at the first profile, rad, and the range from there, rad
+    profiles : number of profiles of each laser
+    velocity : rad/s in continuous motion; 0.0 in step motion
+    dark : take an image with all lasers off first at every stop
     """
 
     number: int
@@ -75,30 +79,30 @@ class Sweep:
         step = self.span / self.profiles
         return [self.start + index * step for index in range(self.profiles)]
 
-    def slowed(self, rate: float) -> float:
-        """Return the velocity, rad/s, at which so many profiles a second are not too few."""
-        return min(self.velocity, self.span / self.profiles * rate)
+    def limited_velocity(self, profile_rate: float) -> float:
+        """Return the velocity, rad/s, reduced where ``profile_rate``, 1/s, is below the plan's."""
+        return min(self.velocity, self.span / self.profiles * profile_rate)
 
-    def lead(self, motion: MotionLimits) -> float:
-        """Return how far before the first profile the table starts to move, radians."""
+    def lead_angle(self, motion: MotionLimits) -> float:
+        """Return the angle, rad, from the start of the move to the first profile."""
         ramp = 0.5 * self.velocity**2 / motion.acceleration
         return ramp + self.velocity * motion.lead_time
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """All sweeps of a scan, in their order."""
+    """The sweeps of a scan, in order of execution."""
 
     sweeps: tuple[Sweep, ...]
 
     @property
     def views(self) -> int:
-        """How many views there will be."""
+        """Number of views."""
         return sum(len(sweep.lasers) for sweep in self.sweeps)
 
     @property
     def profiles(self) -> int:
-        """How many profiles of all views are asked for."""
+        """Number of profiles of all views."""
         return sum(sweep.profiles * len(sweep.lasers) for sweep in self.sweeps)
 
 
@@ -109,9 +113,10 @@ def make_plan(
     Plan the sweeps of a scan.
 
     lasers : names of all lasers of the cell, in its order
-    position : of the table now, radians; it only ever turns forward, so that play in its gear is
-        always on the same side
-    :raises ParameterError: a laser is not of the cell, or the sweep is faster than the table
+    position : present position of the table, rad; the table turns in the positive direction only,
+        so that the gear's backlash is always on the same side
+    :raises ParameterError: the cell has no such laser, or the sweep needs a velocity above the
+        table's limit
     """
     chosen = _chosen(request.lasers, lasers)
     share = _TURN / request.views
@@ -121,7 +126,7 @@ def make_plan(
         for group in [chosen] if request.motion == 'step' else [[one] for one in chosen]:
             sweep = Sweep(
                 number=len(sweeps),
-                views=_numbers(part, group, chosen, lasers),
+                views=_view_numbers(part, group, chosen, lasers),
                 lasers=tuple(group),
                 start=part * share,
                 span=span,
@@ -129,21 +134,21 @@ def make_plan(
                 velocity=_velocity(request, span, motion),
                 dark=request.dark_frames and request.motion == 'step',
             )
-            sweeps.append(_ahead(sweep, motion, position))
-            position = sweeps[-1].start + span + sweeps[-1].lead(motion)
+            sweeps.append(_after_position(sweep, motion, position))
+            position = sweeps[-1].start + span + sweeps[-1].lead_angle(motion)
     return Plan(sweeps=tuple(sweeps))
 
 
-def _chosen(wanted: Sequence[str], lasers: Sequence[str]) -> list[str]:
-    unknown = [name for name in wanted if name not in lasers]
+def _chosen(requested: Sequence[str], lasers: Sequence[str]) -> list[str]:
+    unknown = [name for name in requested if name not in lasers]
     if unknown:
         raise ParameterError(
             f'lasers: {unknown[0]!r} is not in the cell; it has {", ".join(lasers)}'
         )
-    return [name for name in lasers if not wanted or name in wanted]
+    return [name for name in lasers if not requested or name in requested]
 
 
-def _numbers(
+def _view_numbers(
     part: int, group: Sequence[str], chosen: Sequence[str], lasers: Sequence[str]
 ) -> tuple[int, ...]:
     first = part * len(chosen)
@@ -157,16 +162,15 @@ def _velocity(request: ScanRequest, span: float, motion: MotionLimits) -> float:
     if velocity > motion.velocity:
         least = math.ceil(span * motion.profile_rate / motion.velocity)
         raise ParameterError(
-            f'profiles: {request.profiles} at {motion.profile_rate:g} a second would take the '
-            f'table {velocity:.2f} rad/s, it may have {motion.velocity:g}; ask for {least} or more'
+            f'profiles: {request.profiles} at {motion.profile_rate:g} per second need a table '
+            f'velocity of {velocity:.2f} rad/s, the limit is {motion.velocity:g}; '
+            f'request {least} or more'
         )
     return velocity
 
 
-def _ahead(sweep: Sweep, motion: MotionLimits, position: float) -> Sweep:
-    """Return the sweep with its start whole turns ahead, so that the table need not go back."""
-    # a table that has arrived is not exactly where it was sent
-    arrived = 1e-3
-    behind = position - (sweep.start - sweep.lead(motion)) - arrived
+def _after_position(sweep: Sweep, motion: MotionLimits, position: float) -> Sweep:
+    """Return the sweep with whole turns added to its start, so that it begins after position."""
+    behind = position - (sweep.start - sweep.lead_angle(motion)) - _POSITION_TOLERANCE
     turns = max(0, math.ceil(behind / _TURN))
     return Sweep(**{**vars(sweep), 'start': sweep.start + turns * _TURN})

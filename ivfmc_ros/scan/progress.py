@@ -1,78 +1,81 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How far a scan is and how long it will take."""
+"""Progress of a scan: views and profiles done, and the estimated time to its end."""
 
 from collections.abc import Callable
 
-from ivfmc_ros.scan.machine import ENDS
-from ivfmc_ros.scan.machine import Stage
-from ivfmc_ros.scan.plan import Motion
+from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.plan import Plan
 from ivfmc_ros.scan.plan import Sweep
+from ivfmc_ros.scan.state_machine import FINAL_STAGES
+from ivfmc_ros.scan.state_machine import Stage
 
-# What a profile takes in step motion until it has been seen, seconds.
+# First estimate for one profile in step motion (move, settle, expose), seconds.
 _STEP_S = 0.6
-# Registration and mesh, as a share of a profile: seconds for each.
-_AFTER_S = 0.05
-_STAGES_AFTER = (Stage.REGISTERING, Stage.MESHING, Stage.FINISHING)
+# First estimate for switching and positioning before a continuous sweep, seconds.
+_SWEEP_START_S = 1.0
+# Estimate for registration and meshing together, seconds per profile.
+_PROCESSING_S = 0.05
+_PROCESSING_STAGES = (Stage.REGISTERING, Stage.MESHING, Stage.FINISHING)
 
 
-class Progress:
+class ScanProgress:
     """
-    Counts what is done.
+    Counts the recorded profiles and finished views of a scan.
 
-    ``profiles_done`` never exceeds what was asked for, though the lead of a sweep gives more.
+    ``profiles_done`` never exceeds the planned number, although the lead angle of a continuous
+    sweep yields additional profiles.
     """
 
-    def __init__(self, plan: Plan, motion: Motion, clock: Callable[[], float]) -> None:
+    def __init__(self, plan: Plan, motion: MotionLimits, clock: Callable[[], float]) -> None:
+        """``clock``: returns seconds; never jumps."""
         self._plan = plan
         self._clock = clock
         self._stage = Stage.IDLE
-        self._since = clock()
-        self._expected = sum(_seconds(sweep, motion) for sweep in plan.sweeps)
+        self._scanning_since_s = clock()
+        self._planned_s = sum(_duration_s(sweep, motion) for sweep in plan.sweeps)
         self.profiles_done = 0
         self.views_done = 0
 
-    def at_stage(self, stage: Stage) -> None:
-        """Note a change of stage."""
+    def set_stage(self, stage: Stage) -> None:
+        """Store a change of the scan's stage."""
         if stage is Stage.SCANNING and self._stage is Stage.PREPARING:
-            self._since = self._clock()
+            self._scanning_since_s = self._clock()
         self._stage = stage
-        if stage in _STAGES_AFTER or stage is Stage.DONE:
+        if stage in _PROCESSING_STAGES or stage is Stage.DONE:
             self.views_done = self._plan.views
             self.profiles_done = self._plan.profiles
 
-    def recorded(self, profiles: int) -> None:
-        """Note how many profiles are safe on disk."""
+    def set_recorded_profiles(self, profiles: int) -> None:
+        """Store the number of profiles that the recorder has written."""
         self.profiles_done = min(profiles, self._plan.profiles)
 
-    def in_view(self, view: int) -> None:
-        """Note of which view the last profile was."""
+    def set_current_view(self, view: int) -> None:
+        """Store the view number of the last profile."""
         sweeps = [sweep for sweep in self._plan.sweeps if view in sweep.views]
         if sweeps and self._stage is Stage.SCANNING:
-            before = self._plan.sweeps[: sweeps[0].number]
-            self.views_done = sum(len(sweep.lasers) for sweep in before)
+            finished = self._plan.sweeps[: sweeps[0].number]
+            self.views_done = sum(len(sweep.lasers) for sweep in finished)
 
-    def eta(self) -> float:
-        """Return the seconds until the scan is done, by what is known now."""
-        if self._stage in ENDS:
+    def eta_s(self) -> float:
+        """Return the estimated seconds until the scan is done."""
+        if self._stage in FINAL_STAGES:
             return 0.0
         total = self._plan.profiles
-        after = _AFTER_S * total
-        if self._stage in _STAGES_AFTER:
-            return after * (len(_STAGES_AFTER) - _STAGES_AFTER.index(self._stage)) / 3
+        processing = _PROCESSING_S * total
+        if self._stage in _PROCESSING_STAGES:
+            count = len(_PROCESSING_STAGES)
+            return processing * (count - _PROCESSING_STAGES.index(self._stage)) / count
         share = self.profiles_done / total
-        spent = self._clock() - self._since
-        # what was guessed counts less the more has been seen
-        seen = spent / share if share > 0.0 else self._expected
-        whole = share * seen + (1.0 - share) * self._expected
-        return (1.0 - share) * whole + after
+        elapsed = self._clock() - self._scanning_since_s
+        # the extrapolated duration replaces the planned one in proportion to the share done
+        extrapolated = elapsed / share if share > 0.0 else self._planned_s
+        whole = share * extrapolated + (1.0 - share) * self._planned_s
+        return (1.0 - share) * whole + processing
 
 
-def _seconds(sweep: Sweep, motion: Motion) -> float:
-    velocity = sweep.velocity
-    if velocity > 0.0:
-        way = sweep.span + 2.0 * sweep.lead(motion)
-        return motion.seconds(way, velocity) + 1.0
-    count = sweep.profiles * len(sweep.lasers)
-    return _STEP_S * count
+def _duration_s(sweep: Sweep, motion: MotionLimits) -> float:
+    if sweep.velocity > 0.0:
+        distance = sweep.span + 2.0 * sweep.lead_angle(motion)
+        return motion.seconds(distance, sweep.velocity) + _SWEEP_START_S
+    return _STEP_S * sweep.profiles * len(sweep.lasers)

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a finished scan says of itself: ``report.json`` and pictures to look at."""
+"""Writes the report of a finished scan: ``report.json``, ``mesh.png`` and ``report.html``."""
 
 from collections.abc import Mapping
 import json
@@ -14,17 +14,19 @@ from ivfmc_ros.inspection.reports.json_report import write_report
 from ivfmc_ros.scan.job import Outcome
 
 REPORT = 'report.json'
-PICTURE = 'mesh.png'
+MESH_IMAGE = 'mesh.png'
 
-_PICTURE_S = 120.0
+# Timeout of the rendering process, seconds; meshes of a million faces take about 20 s.
+_RENDER_TIMEOUT_S = 120.0
 
 
 def finish_scan(folder: Path, outcome: Outcome, document: Mapping[str, Any]) -> str:
     """
-    Write the report and the pictures of a scan; waits until they are on disk.
+    Write the report and the images of a scan; blocks until they are on disk.
 
-    Return why there are no pictures, which is no end of a scan whose mesh is written, or nothing.
-
+    document : further entries of ``report.json``, such as the recorder's counts
+    :returns: why there are no images, '' where they were rendered; a scan whose mesh is written
+        does not fail without images
     :raises FileError: the report cannot be written
     """
     figures = {
@@ -37,28 +39,33 @@ def finish_scan(folder: Path, outcome: Outcome, document: Mapping[str, Any]) -> 
     }
     error = ''
     try:
-        draw(folder, str(outcome.mesh.get('unit', 'mm')), figures)
-    except FileError as refused:
-        error = figures['picture_error'] = str(refused)
+        render_in_process(folder, str(outcome.mesh.get('unit', 'mm')), figures)
+    except FileError as failure:
+        error = figures['picture_error'] = str(failure)
     write_report(folder / REPORT, figures)
     return error
 
 
-def draw(folder: Path, unit: str, figures: Mapping[str, Any]) -> None:
+def render_in_process(folder: Path, unit: str, figures: Mapping[str, Any]) -> None:
     """
-    Draw the mesh and write the page of a scan in a process, which may hold its interpreter's lock.
+    Render the images of a scan in a child process: rendering holds the GIL for seconds.
 
-    unit : of the mesh files
-    :raises FileError: it could not be drawn
+    unit : length unit of the mesh files: m, mm or inch
+    :raises FileError: the process failed, or took longer than the timeout
     """
-    command = [sys.executable, '-m', 'ivfmc_ros.scan.draw', str(folder), unit]
-    given = json.dumps(figures)
+    command = [sys.executable, '-m', 'ivfmc_ros.scan.report_renderer', str(folder), unit]
+    request = json.dumps(figures)
     try:
         answer = subprocess.run(
-            command, input=given, capture_output=True, text=True, timeout=_PICTURE_S, check=False
+            command,
+            input=request,
+            capture_output=True,
+            text=True,
+            timeout=_RENDER_TIMEOUT_S,
+            check=False,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
-        raise FileError(f'{folder / PICTURE}: could not be drawn: {error}') from error
+        raise FileError(f'{folder / MESH_IMAGE}: could not be rendered: {error}') from error
     if answer.returncode:
         last = (answer.stderr.strip() or 'no reason given').splitlines()[-1]
-        raise FileError(f'{folder / PICTURE}: could not be drawn: {last}')
+        raise FileError(f'{folder / MESH_IMAGE}: could not be rendered: {last}')

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a scan is asked to be."""
+"""Parameters of a scan and their validation."""
 
 from dataclasses import asdict
 from dataclasses import dataclass
@@ -17,28 +17,28 @@ from ivfmc_ros.validation import require_one_of
 
 MOTIONS = ('continuous', 'step')
 
+# Upper limits of a request: one sweep per 10 degrees; 0.02 degrees between profiles.
 MAX_VIEWS = 36
 MAX_PROFILES = 20_000
 
-# What becomes part of the name of a folder must not leave it, nor mean something to a shell.
+# Part of a folder's name: no path separators, no shell metacharacters, no leading '.' or '-'.
 _NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]{0,62}')
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScanRequest:
     """
-    The parameters of a scan, as they were when it was accepted.
+    The parameters of a scan at the time when it was accepted.
 
-    part, recipe : names, for the catalogue and the folder; the recipe may be empty
-    views : sweeps that share a turn, for each laser
-    overlap : radians by which a sweep reaches into the next; of a single one, beyond the turn
-    profiles : of each view
-    motion : 'step' (turn, settle, take pictures) or 'continuous' (one smooth turn a sweep)
-    lasers : names; empty for all of the cell
-    dark_frames : take a picture with all lasers off at every stop, to be subtracted; only in
-        step motion, for a table that turns has no stop
-    formats : of the mesh files
-    export_unit : of the mesh files: m, mm or inch
+    part, recipe : names for the catalogue and the folder; the recipe may be empty
+    views : number of sweeps that divide one turn, for each laser
+    overlap : radians by which a sweep overlaps the next one; a single sweep exceeds the turn by it
+    profiles : number of profiles of each view
+    motion : 'step' (turn, settle, expose) or 'continuous' (expose during one move per sweep)
+    lasers : names of the lasers to use; empty for all of the cell
+    dark_frames : in step motion, take an image with all lasers off at every stop, to be subtracted
+    formats : formats of the mesh files
+    export_unit : length unit of the mesh files: m, mm or inch
     """
 
     part: str = 'part'
@@ -65,10 +65,10 @@ class ScanRequest:
         if not self.formats:
             raise ParameterError(f'formats: is empty; known are {", ".join(FORMATS)}')
         if len(set(self.lasers)) != len(self.lasers):
-            raise ParameterError(f'lasers: one is named twice ({", ".join(self.lasers)})')
+            raise ParameterError(f'lasers: a name occurs twice ({", ".join(self.lasers)})')
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the request as plain values, for files and answers."""
+        """Return the request as JSON-serializable values."""
         return {
             key: list(value) if isinstance(value, tuple) else value
             for key, value in asdict(self).items()
@@ -77,13 +77,14 @@ class ScanRequest:
 
 def require_name(key: str, name: str) -> str:
     """
-    Return a name that may become a folder's.
+    Return ``name`` where it is valid as part of a folder's name.
 
+    key : name of the parameter, for the error
     :raises ParameterError: it has other characters than letters, digits, '.', '_' and '-'
     """
     if not _NAME.fullmatch(name) or '..' in name:
         raise ParameterError(
-            f'{key}: {name!r} is not usable as a name; use 1 to 63 letters, digits, . _ - '
+            f'{key}: {name!r} is not a valid name; use 1 to 63 letters, digits, . _ - '
             '(the first a letter or digit)'
         )
     return name

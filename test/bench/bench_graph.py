@@ -24,7 +24,7 @@ from support.graph_rig import running
 from bench import at_least
 from bench import Number
 from ivfmc_ros.cell.cell_file import save_cell
-from ivfmc_ros.nodes.convert.clouds import records_of
+from ivfmc_ros.nodes.convert.clouds import to_structured_array
 from ivfmc_ros.nodes.convert.stamps import nanoseconds
 from ivfmc_ros.simulation.bench import bench_cell
 from ivfmc_ros.simulation.parts.solids import demo_part
@@ -195,7 +195,7 @@ def trial(client: Client, source: Any, profiles: list[Any], rate: float) -> Tria
         client.executor.spin_once(timeout_sec=0.05)
         for message in profiles[done:]:
             latency.append((time.time_ns() - nanoseconds(message.header.stamp)) * 1e-6)
-            seqs.append(int(records_of(message, '', ('seq',))['seq'][0, 0]))
+            seqs.append(int(to_structured_array(message, '', ('seq',))['seq'][0, 0]))
             quiet = time.monotonic()
         done = len(profiles)
     sent, took = source.stdout.readline().split()

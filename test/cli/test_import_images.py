@@ -15,7 +15,7 @@ from ivfmc_ros.cli.main import main
 from ivfmc_ros.errors import CellError
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
-from ivfmc_ros.storage.scan_bag import read_scan
+from ivfmc_ros.storage.scans.scan_bag import open_scan
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def _run(place, *options, folder='in'):
 
 
 def _angles(place):
-    frames = read_scan(place / 'bag').frames()
+    frames = open_scan(place / 'bag').frames()
     return [math.degrees(frame.angle) for frame in frames]
 
 
@@ -79,7 +79,7 @@ def test_bag_is_put_here_unless_told(place, monkeypatch):
     monkeypatch.chdir(place)
     result = CliRunner().invoke(import_images, ['in', '--camera', 'camera.yaml', '--step', '1'])
     assert result.exit_code == 0
-    assert read_scan(place / 'in_bag').frame_count == 3
+    assert open_scan(place / 'in_bag').frame_count == 3
 
 
 @pytest.mark.parametrize(
@@ -148,6 +148,6 @@ def test_measured_pictures_become_a_bag(data_dir, tmp_path):
     arguments = [str(objects), '--camera', str(tmp_path / 'camera.yaml'), '--step', '1.125']
     result = CliRunner().invoke(import_images, [*arguments, '-o', str(tmp_path / 'bag')])
     assert result.stdout.strip().endswith('bag: 320 pictures from 0.000 to 358.875 degrees')
-    frames = read_scan(tmp_path / 'bag').frames()
+    frames = open_scan(tmp_path / 'bag').frames()
     angles = [frame.angle for frame in frames]
     np.testing.assert_allclose(np.degrees(angles), np.arange(320) * 1.125, atol=1e-9)

@@ -31,11 +31,11 @@ def retrieving(monkeypatch, part):
     cell, sweeps = bench_cell(), turns(STEPS, np.zeros_like)
     places = {'up': np.eye(4), 'down': lying(part, 0)}
 
-    def retrieve(root, scan_id, cell_path=None, camera_path=None):
+    def load_profiles(root, scan_id, cell_path=None, camera_path=None):
         measured = stripes(cell, part.moved(places[scan_id]), sweeps, 1)
         return profiles_of(cell, measured, sweeps), cell
 
-    monkeypatch.setattr(command, 'retrieve', retrieve)
+    monkeypatch.setattr(command, 'load_profiles', load_profiles)
 
 
 def test_two_scans_become_one_mesh(tmp_path, monkeypatch):

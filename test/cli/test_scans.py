@@ -10,9 +10,9 @@ from ivfmc_ros.cli.support.cell_run import parse_overrides
 from ivfmc_ros.cli.support.cell_run import write_bench
 from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.errors import ParameterError
-from ivfmc_ros.storage.catalogue import Catalogue
-from ivfmc_ros.storage.live_recorder import Place
-from ivfmc_ros.storage.messages.profile_head import ProfileHead
+from ivfmc_ros.storage.catalogue.catalogue import Catalogue
+from ivfmc_ros.storage.messages.profile_header import ProfileHeader
+from ivfmc_ros.storage.recording.live_recorder import ProfileLocation
 
 
 @pytest.fixture
@@ -21,9 +21,9 @@ def root(tmp_path):
     catalogue = Catalogue(tmp_path, create=True)
     catalogue.add_scan('s1', 'bracket', '', 'DONE', {'profiles': 200})
     catalogue.add_scan('s2', 'flange', '', 'FAILED', {})
-    mark = ProfileHead(seq=0, view=0, laser=1, angle=0.5, points=7, stamp_ns=1)
+    mark = ProfileHeader(seq=0, view=0, laser=1, angle=0.5, points=7, stamp_ns=1)
     catalogue.add_profiles(
-        's1', [Place(mark=mark, topic='/p', index=0, log_time_ns=1, chunk_offset=8)]
+        's1', [ProfileLocation(header=mark, topic='/p', index=0, log_time_ns=1, chunk_offset=8)]
     )
     catalogue.add_result('s1', 's1', {})
     return tmp_path

@@ -21,8 +21,8 @@ from ivfmc_ros.simulation.bench import bench_cell
 from ivfmc_ros.simulation.parts.solids import demo_part
 from ivfmc_ros.simulation.recording import record_scan
 from ivfmc_ros.simulation.render.renderer import simulate_scan
-from ivfmc_ros.storage.messages.point_clouds import records_of
-from ivfmc_ros.storage.scan_bag import read_scan
+from ivfmc_ros.storage.messages.point_clouds import to_structured_array
+from ivfmc_ros.storage.scans.scan_bag import open_scan
 
 STEPS = 24
 VOXEL = 0.0006
@@ -61,14 +61,14 @@ def replay(bag, *options):
 @pytest.mark.parametrize('options', [['--clock'], []])
 def test_replayed_cloud_is_the_offline_one(client, cell, bag, tmp_path, options):
     settings = Settings(mesh=MeshSettings(voxel=VOXEL))
-    offline = reconstruct(bench_cell(), read_scan(bag, lasers=LASERS).frames(), settings)
+    offline = reconstruct(bench_cell(), open_scan(bag, lasers=LASERS).frames(), settings)
     points, _ = cloud_of(offline)
     clouds = client.collect(PointCloud2, 'cloud')
     answer = replay(bag, '-o', tmp_path / 'out', *options)
     assert answer.returncode == 0, answer.stderr + cell.log()
     assert f'{2 * STEPS} pictures became {2 * STEPS} profiles' in answer.stdout
     client.until(lambda: clouds, 10.0, 'no cloud')
-    records = records_of(clouds[-1], 'cloud', ('x', 'y', 'z')).ravel()
+    records = to_structured_array(clouds[-1], 'cloud', ('x', 'y', 'z')).ravel()
     replayed = np.stack([records[name] for name in ('x', 'y', 'z')], axis=1)
     assert len(replayed) == len(points)
     np.testing.assert_allclose(replayed, points, atol=1e-8)

@@ -11,10 +11,10 @@ import pytest
 from sensor_msgs.msg import JointState
 from support.cell_rig import gone
 
-from ivfmc_ros.meshing.io.stl import read_own_stl
+from ivfmc_ros.meshing.io.stl import read_stl
 from ivfmc_ros.simulation.parts.solids import demo_part
 from ivfmc_ros.storage.bag.reader import open_bag
-from ivfmc_ros.storage.catalogue import Catalogue
+from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.surface import Surface
 
 
@@ -47,7 +47,7 @@ def deviation(answer):
     page = Path(answer['files']['report.html']).read_text()
     assert 'cloud after registration' in page
     assert 'with the stripe found' in page
-    vertices, _ = read_own_stl(Path(answer['files']['mesh.stl']))
+    vertices, _ = read_stl(Path(answer['files']['mesh.stl']))
     distance = Surface(part.vertices_xyz, part.faces).signed_distance(vertices)
     return float(np.sqrt(np.median(distance**2)))
 

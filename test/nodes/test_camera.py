@@ -35,7 +35,7 @@ def calibration(tmp_path):
     return path
 
 
-def test_pictures_of_a_folder_come_with_a_stamp_each(client, pictures):
+def test_images_of_a_folder_are_published_with_a_stamp_each(client, pictures):
     with running('camera', backend='folder', folder=str(pictures), frame_rate=30.0):
         images = client.collect(Image, 'image_raw')
         infos = client.collect(CameraInfo, 'camera_info')
@@ -48,11 +48,13 @@ def test_pictures_of_a_folder_come_with_a_stamp_each(client, pictures):
     assert len(said.intersection(stamps)) > 8
     assert (images[0].width, images[0].height, images[0].encoding) == (64, 48, 'mono8')
     assert images[0].header.frame_id == 'camera_optical_frame'
-    # nothing is known of the lens, as other drivers say it
+    # uncalibrated: zeros, as in other drivers
     assert (infos[0].width, infos[0].k[0]) == (64, 0.0)
 
 
-def test_calibration_of_another_size_is_said_and_not_published(client, pictures, calibration):
+def test_calibration_of_another_image_size_is_reported_and_not_published(
+    client, pictures, calibration
+):
     parameters = {'folder': str(pictures), 'camera_info': str(calibration)}
     with running('camera', backend='folder', **parameters):
         infos = client.collect(CameraInfo, 'camera_info')
@@ -81,7 +83,7 @@ def test_simulated_camera_sees_the_live_cell(client, tmp_path):
         client.until(lambda: 'gone' in client.diagnostic('camera'), 10.0)
 
 
-def test_exposure_out_of_range_or_too_long_is_refused(client, pictures):
+def test_exposure_out_of_range_or_longer_than_the_period_is_rejected(client, pictures):
     with running('camera', backend='folder', folder=str(pictures)):
         for wrong in ({'exposure': 0.0}, {'exposure': float('nan')}, {'exposure': 0.5}):
             assert not client.set('camera', **wrong).successful
@@ -89,20 +91,20 @@ def test_exposure_out_of_range_or_too_long_is_refused(client, pictures):
         assert answer.successful, answer.reason
 
 
-def test_what_counts_at_activation_only_is_refused_until_then(client, pictures):
-    # a number is what people write for a device
+def test_parameters_of_activation_are_rejected_while_active(client, pictures):
+    # a device number is accepted as an integer
     with running('camera', backend='folder', folder=str(pictures), device=1):
-        client.until(lambda: 'pictures come' in client.diagnostic('camera'))
+        client.until(lambda: 'publishing images' in client.diagnostic('camera'))
         answer = client.set('camera', width=320)
         assert not answer.successful
-        assert 'width: counts when the node is activated' in answer.reason
+        assert 'width: takes effect at activation' in answer.reason
         request = ChangeState.Request()
         request.transition.id = Transition.TRANSITION_DEACTIVATE
         assert client.call(ChangeState, 'camera/change_state', request).success
         assert client.set('camera', width=320).successful
 
 
-def test_set_camera_info_is_kept(client, pictures, calibration):
+def test_set_camera_info_is_saved(client, pictures, calibration):
     parameters = {'folder': str(pictures), 'camera_info': str(calibration)}
     with running('camera', backend='folder', **parameters):
         info = CameraInfo(width=64, height=48, distortion_model='plumb_bob', d=[0.0] * 5)
@@ -119,11 +121,11 @@ def test_set_camera_info_is_kept(client, pictures, calibration):
     assert load_camera(calibration).K[0, 0] == 50.0
 
 
-def test_folder_that_is_not_there_is_said(client, tmp_path):
+def test_missing_folder_is_reported(client, tmp_path):
     with running('camera', backend='folder', folder=str(tmp_path / 'none')):
         client.until(lambda: 'none' in client.diagnostic('camera'))
 
 
-def test_backend_without_its_place_is_said(client):
+def test_backend_without_its_location_is_reported(client):
     with running('camera', backend='simulated'):
-        client.until(lambda: 'simulation: is needed' in client.diagnostic('camera'))
+        client.until(lambda: 'simulation: is required' in client.diagnostic('camera'))

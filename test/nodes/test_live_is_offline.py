@@ -13,12 +13,12 @@ from ivfmc_ros import pipeline
 from ivfmc_ros.model import Frame
 from ivfmc_ros.nodes.convert import clouds
 from ivfmc_ros.nodes.processing import worker_jobs
-from ivfmc_ros.storage.bag.writer import BagWriter
-from ivfmc_ros.storage.frame_matching import Matcher
-from ivfmc_ros.storage.scan_bag import read_scan
+from ivfmc_ros.storage.bag.writer import create_bag
+from ivfmc_ros.storage.matching.frame_matching import FrameMatcher
+from ivfmc_ros.storage.scans.scan_bag import open_scan
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
-from ivfmc_ros.stripe.sampling import SampledAcquisition
+from ivfmc_ros.stripe.stream import StreamAcquisition
 
 TURN = Turn(speed=1.2, acceleration=4.0, begin=0.6, cruise=5.0)
 LASERS = ('left', 'right')
@@ -34,7 +34,7 @@ def events(cell, sphere):
 def offline(cell, events, tmp_path_factory):
     """The views of the bag."""
     folder = tmp_path_factory.mktemp('sweep') / 'bag'
-    with BagWriter(folder, compress=False) as bag:
+    with create_bag(folder, compress=False) as bag:
         for stamp, kind, what in events:
             if kind == 'table':
                 bag.joint_state(stamp, 'turntable_joint', what)
@@ -43,7 +43,7 @@ def offline(cell, events, tmp_path_factory):
             else:
                 bag.camera_info(stamp, cell.camera)
                 bag.image(stamp, what)
-    scan = read_scan(folder, lasers=LASERS)
+    scan = open_scan(folder, lasers=LASERS)
     return pipeline.reconstruct(cell, scan.frames(), SETTINGS)
 
 
@@ -68,8 +68,8 @@ def test_the_sweep_is_cut_at_its_ramps_and_fitted(offline, sphere):
 
 
 def test_bit_by_bit_it_is_the_same_as_from_the_bag(cell, events, offline):
-    matcher = Matcher(LASERS)
-    stream = SampledAcquisition(Acquisition(cell, AcquisitionSettings()))
+    matcher = FrameMatcher(LASERS)
+    stream = StreamAcquisition(Acquisition(cell, AcquisitionSettings()))
     messages = []
     seq = 0
 
@@ -79,12 +79,12 @@ def test_bit_by_bit_it_is_the_same_as_from_the_bag(cell, events, offline):
     for number, (stamp, kind, what) in enumerate(events):
         now = 0.01 * number
         if kind == 'table':
-            matcher.table(stamp, what, None, now)
+            matcher.add_table_position(stamp, what, None, now)
         elif kind == 'lit':
-            matcher.lasers(stamp, {'left': float(what), 'right': 0.0}, now)
+            matcher.add_laser_states(stamp, {'left': float(what), 'right': 0.0}, now)
         else:
-            matcher.picture(stamp, what, now)
-        for match in matcher.ready(now, 30.0):
+            matcher.add_image(stamp, what, now)
+        for match in matcher.pop_matches(now, 30.0):
             if not match.reason:
                 take(stream.add(frame_of(match, seq)))
                 seq += 1

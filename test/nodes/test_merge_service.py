@@ -19,9 +19,9 @@ from ivfmc_ros.cell.cell_file import save_cell
 from ivfmc_ros.nodes.convert import clouds
 from ivfmc_ros.simulation.bench import bench_cell
 from ivfmc_ros.simulation.parts.solids import demo_part
-from ivfmc_ros.storage.catalogue import Catalogue
-from ivfmc_ros.storage.live_recorder import LiveRecorder
-from ivfmc_ros.storage.messages.profile_head import ProfileHead
+from ivfmc_ros.storage.catalogue.catalogue import Catalogue
+from ivfmc_ros.storage.messages.profile_header import ProfileHeader
+from ivfmc_ros.storage.recording.live_recorder import LiveRecorder
 
 PLACES = {'up': np.eye(4), 'down': lying(demo_part(), 0)}
 
@@ -35,10 +35,12 @@ def store(catalogue, root, scan_id, cell, place, steps=80):
     save_camera(folder / 'camera.yaml', cell.camera)
     sweeps = turns(steps, np.zeros_like)
     measured = stripes(cell, demo_part().moved(place), sweeps, 1)
-    recorder = LiveRecorder(folder, flushed=lambda places: catalogue.add_profiles(scan_id, places))
+    recorder = LiveRecorder(
+        folder, on_flush=lambda places: catalogue.add_profiles(scan_id, places)
+    )
     for profile in profiles_of(cell, measured, sweeps):
         message = serialize_message(clouds.from_profile(profile))
-        mark = ProfileHead(
+        mark = ProfileHeader(
             seq=profile.seq,
             view=profile.view,
             laser=profile.laser,
@@ -47,7 +49,7 @@ def store(catalogue, root, scan_id, cell, place, steps=80):
             stamp_ns=profile.stamp_ns,
         )
         kind = 'sensor_msgs/msg/PointCloud2'
-        recorder.add('/ivfmc/profile', kind, message, 1 + profile.stamp_ns, mark=mark)
+        recorder.add('/ivfmc/profile', kind, message, 1 + profile.stamp_ns, header=mark)
     recorder.stop()
 
 
@@ -60,7 +62,7 @@ def root(tmp_path_factory):
     return folder
 
 
-def test_stored_scans_are_merged_and_shown(client, root):
+def test_stored_scans_are_merged_and_published(client, root):
     views = client.collect(PointCloud2, 'view')
     places = client.collect(PoseArray, 'view_poses')
     with running('registrar', scan_root=str(root), merge=['up', 'down']):
@@ -76,7 +78,7 @@ def test_stored_scans_are_merged_and_shown(client, root):
     assert {view.header.stamp.nanosec for view in views} == {places[0].header.stamp.nanosec}
 
 
-def test_what_cannot_be_merged_is_refused_by_code(client, root):
+def test_scans_that_cannot_be_merged_are_rejected_with_a_code(client, root):
     with running('registrar', scan_root=str(root)):
         good, answer = client.trigger('registrar/merge')
         assert (good, answer['code']) == (False, 'BAD_PARAMETER')

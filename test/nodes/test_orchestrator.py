@@ -13,8 +13,8 @@ from support.fake_cell import FakeCell
 from support.graph_rig import following_client
 from support.graph_rig import running
 
-from ivfmc_ros.scan import record
-from ivfmc_ros.storage.catalogue import Catalogue
+from ivfmc_ros.scan import scan_folder
+from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 
 KEYS = {
     'scan_id', 'stage', 'views_done', 'views_total', 'profiles_done', 'profiles_total', 'eta_s',
@@ -103,7 +103,7 @@ def test_step_scan_with_a_foreign_table(client, fake, orchestrator, root):
     assert (status['stage'], status['code']) == ('DONE', 'OK')
     assert json.loads(status['result'])['scan_id'] == answer['scan_id']
     assert Catalogue(root).scan(answer['scan_id']).stage == 'DONE'
-    assert record.load_job(root / answer['scan_id'])['stage'] == 'DONE'
+    assert scan_folder.load_job(root / answer['scan_id'])['stage'] == 'DONE'
 
 
 def test_continuous_scan_is_one_sweep_a_laser(client, fake, orchestrator):
@@ -243,7 +243,7 @@ def test_catalogue_that_is_locked_later_is_said_and_is_no_end(client, fake, orch
         success, answer = client.trigger('scan')
     assert success, answer
     assert 'locked' in answer['catalogue_error']
-    assert record.load_job(root / answer['scan_id'])['stage'] == 'DONE'
+    assert scan_folder.load_job(root / answer['scan_id'])['stage'] == 'DONE'
 
 
 def test_picture_that_cannot_be_drawn_is_said_and_is_no_end(client, fake, orchestrator, root):
@@ -254,7 +254,7 @@ def test_picture_that_cannot_be_drawn_is_said_and_is_no_end(client, fake, orches
     fake.meanwhile['mesher/build'] = spoil
     success, answer = client.trigger('scan')
     assert success, answer
-    assert 'could not be drawn' in answer['picture_error']
+    assert 'could not be rendered' in answer['picture_error']
     report = json.loads((root / answer['scan_id'] / 'report.json').read_text())
     assert report['picture_error'] == answer['picture_error']
 
@@ -295,7 +295,7 @@ def test_triangulator_that_was_started_again_is_said(client, fake, orchestrator)
     fake.seq = 0
     status = await_stage(client, 'FAILED', seconds=10.0)
     assert status['code'] == 'TRIANGULATOR_LOST'
-    assert 'came twice' in status['result']
+    assert 'was received twice' in status['result']
 
 
 def test_recording_of_a_lost_orchestrator_is_ended(client, fake, orchestrator):

@@ -4,8 +4,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 from support.graph_rig import NodeProcess
 
-from ivfmc_ros.scan import record
-from ivfmc_ros.storage.catalogue import Catalogue
+from ivfmc_ros.scan import scan_folder
+from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 
 
 @pytest.fixture
@@ -15,13 +15,13 @@ def root(tmp_path):
     for name in ('cut_off', 'running'):
         catalogue.add_scan(name, 'part', '', 'SCANNING', {})
         (catalogue.root / name).mkdir()
-        record.save_job(catalogue.root / name, {'stage': 'SCANNING'})
+        scan_folder.save_job(catalogue.root / name, {'stage': 'SCANNING'})
     return catalogue.root
 
 
 def test_scan_that_was_cut_off_is_marked_and_one_of_another_cell_is_not(client, cell_file, root):
     status = client.collect(DiagnosticStatus, 'scan_status')
-    with record.claimed(root / 'running'):
+    with scan_folder.lock_scan(root / 'running'):
         node = NodeProcess('orchestrator', cell=str(cell_file), scan_root=str(root))
         try:
             client.until(lambda: status, 15.0, 'no scan_status')
@@ -29,6 +29,6 @@ def test_scan_that_was_cut_off_is_marked_and_one_of_another_cell_is_not(client, 
             node.end()
     catalogue = Catalogue(root)
     assert catalogue.scan('cut_off').code == 'INTERRUPTED'
-    assert record.load_job(root / 'cut_off')['stage'] == 'FAILED'
+    assert scan_folder.load_job(root / 'cut_off')['stage'] == 'FAILED'
     assert catalogue.scan('running').code == ''
-    assert record.load_job(root / 'running')['stage'] == 'SCANNING'
+    assert scan_folder.load_job(root / 'running')['stage'] == 'SCANNING'

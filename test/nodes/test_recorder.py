@@ -16,8 +16,8 @@ from ivfmc_ros.model import Profile
 from ivfmc_ros.nodes.convert import clouds
 from ivfmc_ros.nodes.framework import qos
 from ivfmc_ros.storage.bag.reader import open_bag
-from ivfmc_ros.storage.catalogue import Catalogue
-from ivfmc_ros.storage.stored_scan import stored_profiles
+from ivfmc_ros.storage.catalogue.catalogue import Catalogue
+from ivfmc_ros.storage.scans.stored_scan import read_profiles
 
 START = 1_790_000_000_000_000_000
 
@@ -38,13 +38,13 @@ def node():
 @pytest.fixture
 def recorder(client, node):
     yield node
-    # whatever a test left
+    # a recording that a test left running
     client.trigger('recorder/stop')
 
 
 @pytest.fixture
 def scan(client, recorder, tmp_path):
-    """Folder of a scan that the recorder has been told of."""
+    """Folder of a scan that is set in the recorder."""
     Catalogue(tmp_path, create=True).add_scan('s1', 'part', '', 'SCANNING', {})
     (tmp_path / 's1').mkdir()
     client.set('recorder', scan_id='s1', scan_folder=str(tmp_path / 's1'))
@@ -74,11 +74,11 @@ def ready(client, *publishers):
 def test_what_is_published_is_in_the_bag_and_the_catalogue(client, scan, tmp_path):
     profiles = client.publisher(PointCloud2, 'profile')
     images = client.publisher(Image, 'image_raw')
-    # somebody else's driver, best effort
+    # a foreign driver, best effort
     joints = client.publisher(JointState, 'joint_states', qos.best_effort(10))
     recorded = client.collect(UInt64, 'recorded')
     ready(client, profiles, images, joints)
-    client.spin(0.6)  # the recorder has to see what the publishers offer
+    client.spin(0.6)  # the recorder adapts to the QoS of the publishers
     success, answer = client.trigger('recorder/start')
     assert success, answer
     for seq in range(5):
@@ -86,7 +86,7 @@ def test_what_is_published_is_in_the_bag_and_the_catalogue(client, scan, tmp_pat
         joints.publish(JointState(name=['turntable_joint'], position=[0.1 * seq]))
         profiles.publish(profile(seq, points=0 if seq == 4 else 5))
     client.until(lambda: recorded and recorded[-1].data == 4, what='not recorded')
-    # what is flushed can be read while the scan goes on
+    # flushed messages can be read during the scan
     assert open_bag(scan / 'scan.mcap.part', salvage=True).topics['/ivfmc/profile'].count == 5
     success, answer = client.trigger('recorder/stop')
     assert success, answer
@@ -99,11 +99,11 @@ def test_what_is_published_is_in_the_bag_and_the_catalogue(client, scan, tmp_pat
     }
     (view,) = Catalogue(tmp_path).views('s1')
     assert (view.profiles, view.points) == (5, 20)
-    stored = list(stored_profiles(Catalogue(tmp_path), 's1'))
+    stored = list(read_profiles(Catalogue(tmp_path), 's1'))
     assert [len(one) for one in stored] == [5, 5, 5, 5, 0]
 
 
-def test_catalogue_that_is_locked_holds_up_no_message_and_loses_no_row(client, scan, tmp_path):
+def test_locked_catalogue_delays_no_message_and_loses_no_row(client, scan, tmp_path):
     profiles = client.publisher(PointCloud2, 'profile')
     recorded = client.collect(UInt64, 'recorded')
     ready(client, profiles)
@@ -165,7 +165,7 @@ def test_profile_without_its_fields_is_reported_by_name(client, scan):
     client.until(lambda: "'seq'" in client.diagnostic('recorder'), what='no diagnostic')
 
 
-def test_recording_of_an_orchestrator_that_died_is_ended(client, scan):
+def test_recording_of_an_orchestrator_that_died_is_stopped(client, scan):
     profiles = client.publisher(PointCloud2, 'profile')
     beats = client.publisher(Header, 'orchestrator/heartbeat')
     ready(client, profiles, beats)
@@ -176,17 +176,19 @@ def test_recording_of_an_orchestrator_that_died_is_ended(client, scan):
         for _ in range(20):
             beats.publish(Header(frame_id='orchestrator'))
             client.spin(0.1)
-        # while its heart beats it may take its time
+        # no time-out while heartbeats are received
         assert not (scan / 'scan.mcap').exists()
-        client.until((scan / 'scan.mcap').exists, 10.0, 'the bag was not ended')
-        client.until(lambda: 'orchestrator: silent for' in client.diagnostic('recorder'))
-        assert [p.seq for p in stored_profiles(Catalogue(scan.parent), 's1')] == [0]
+        client.until((scan / 'scan.mcap').exists, 10.0, 'the bag was not finished')
+        client.until(
+            lambda: 'orchestrator: no heartbeat: no heartbeat for' in client.diagnostic('recorder')
+        )
+        assert [p.seq for p in read_profiles(Catalogue(scan.parent), 's1')] == [0]
         assert client.trigger('recorder/stop')[1]['code'] == 'WRONG_STATE'
     finally:
         client.set('recorder', orchestrator_patience=30.0)
 
 
-def test_recording_that_nobody_leads_goes_on(client, scan):
+def test_recording_without_an_orchestrator_continues(client, scan):
     client.set('recorder', orchestrator_patience=0.5)
     try:
         assert client.trigger('recorder/start')[0]

@@ -18,19 +18,19 @@ def feed(inputs, frames, first=0, found=None):
     for number, frame in enumerate(frames, start=first):
         inputs.step(number, frame)
         if found is not None:
-            # a reliable publisher keeps 30; 16 may wait until they are enough to decide by
+            # the publisher queues 30; 16 wait until the automatic settings are determined
             inputs.client.until(lambda sent=number - first: len(found) - before > sent - 20)
         else:
             inputs.client.spin(0.01)
 
 
-def test_every_picture_becomes_a_profile_of_the_sphere(client, inputs, cell_file, frames, sphere):
+def test_every_image_becomes_a_profile_of_the_sphere(client, inputs, cell_file, frames, sphere):
     found = client.collect(PointCloud2, 'profile')
     shown = client.collect(CompressedImage, 'stripe_image/compressed')
     with running('triangulator', cell=str(cell_file), scan_id='first'):
         inputs.wait()
         feed(inputs, frames, found=found)
-        # the last lies past what is reported of table and lasers, and is judged by what is known
+        # the last one is exposed after the last states; it is matched after the time-out
         client.until(lambda: len(found) == len(frames))
         client.until(lambda: shown)
     profiles = [clouds.to_profile(message, 'profile') for message in found]
@@ -44,7 +44,7 @@ def test_every_picture_becomes_a_profile_of_the_sphere(client, inputs, cell_file
     assert np.sqrt(np.mean(sphere.distance(points) ** 2)) < 1e-4
 
 
-def test_joint_states_that_never_come_are_named_and_their_start_is_enough(
+def test_missing_joint_states_are_reported_until_the_first_is_received(
     client, inputs, cell_file, frames
 ):
     found = client.collect(PointCloud2, 'profile')
@@ -54,15 +54,15 @@ def test_joint_states_that_never_come_are_named_and_their_start_is_enough(
         for number, frame in enumerate(frames[:8]):
             inputs.picture(frame.image, START + number * STEP)
             client.spin(0.02)
-        client.until(lambda: 'joint_states: none has come' in client.diagnostic('triangulator'))
+        client.until(lambda: 'joint_states: waiting' in client.diagnostic('triangulator'))
         client.until(lambda: '3 waited too long' in client.diagnostic('triangulator'))
         assert found == []
         feed(inputs, frames[8:12], first=8)
-        client.until(lambda: 'none has come' not in client.diagnostic('triangulator'))
+        client.until(lambda: 'joint_states: waiting' not in client.diagnostic('triangulator'))
         client.until(lambda: found)
 
 
-def test_camera_info_that_does_not_match_the_picture_is_named(client, inputs, cell_file, frames):
+def test_camera_info_of_another_image_size_is_reported(client, inputs, cell_file, frames):
     found = client.collect(PointCloud2, 'profile')
     with running('triangulator', cell=str(cell_file)):
         inputs.wait()
@@ -81,14 +81,14 @@ def test_camera_info_that_does_not_match_the_picture_is_named(client, inputs, ce
         client.until(lambda: wrong not in client.diagnostic('triangulator'))
 
 
-def test_an_uncalibrated_camera_info_is_named(client, inputs, cell_file):
+def test_uncalibrated_camera_info_is_reported(client, inputs, cell_file):
     with running('triangulator', cell=str(cell_file)):
         inputs.wait()
         inputs.camera_info(k=[0.0] * 9)
         client.until(lambda: 'camera_matrix' in client.diagnostic('triangulator'))
 
 
-def test_stamps_that_jump_back_begin_anew(client, inputs, cell_file, frames):
+def test_stamps_that_jump_back_discard_the_states_before(client, inputs, cell_file, frames):
     found = client.collect(PointCloud2, 'profile')
     with running('triangulator', cell=str(cell_file)):
         inputs.wait()
@@ -100,23 +100,50 @@ def test_stamps_that_jump_back_begin_anew(client, inputs, cell_file, frames):
     assert [clouds.to_profile(message, '').seq for message in found] == list(range(len(found)))
 
 
-def test_a_joint_of_another_name_is_named(client, inputs, cell_file):
+def test_joints_of_other_names_are_reported_while_ours_is_missing(client, inputs, cell_file):
     with running('triangulator', cell=str(cell_file)):
         inputs.wait()
         inputs.table(0.0, START, name='elbow')
-        wrong = "has no position of joint 'turntable_joint'; joints there: elbow"
+        wrong = "waiting for position of joint 'turntable_joint'; last message has joints: elbow"
         client.until(lambda: wrong in client.diagnostic('triangulator'))
 
 
-def test_a_joint_that_is_nowhere_yet_is_said_and_known_as_soon_as_it_is_homed(
-    client, inputs, cell_file, frames
-):
+def test_foreign_joint_states_are_logged_once_whatever_they_contain(client, inputs, cell_file):
+    with running('triangulator', cell=str(cell_file)) as node:
+        inputs.wait()
+        client.until(lambda: 'joint_states: waiting' in client.diagnostic('triangulator'))
+        for number in range(200):
+            inputs.table(0.001 * number, START + number * STEP, name='elbow')
+            client.spin(0.012)
+        client.until(lambda: 'elbow 0.199' in client.diagnostic('triangulator'))
+    lines = [line for line in node.output.splitlines() if 'joint_states' in line]
+    assert len(lines) == 1, lines
+
+
+def test_foreign_joint_states_beside_ours_are_no_condition(client, inputs, cell_file):
+    with running('triangulator', cell=str(cell_file)) as node:
+        inputs.wait()
+        inputs.table(0.0, START)
+        for number in range(200):
+            inputs.table(0.001 * number, START + number * STEP, name='elbow')
+            inputs.table(0.001 * number, START + number * STEP)
+            client.spin(0.012)
+        client.until(lambda: 'joint_states' not in client.diagnostic('triangulator'))
+    lines = [line for line in node.output.splitlines() if 'joint_states' in line]
+    # at most that they were not received yet, and that they were
+    assert len(lines) <= 2
+    assert not any('WARN' in line or 'ERROR' in line for line in lines)
+
+
+def test_joint_without_a_position_is_reported_until_it_is_homed(client, inputs, cell_file, frames):
     found = client.collect(PointCloud2, 'profile')
     with running('triangulator', cell=str(cell_file)):
         inputs.wait()
         inputs.table(float('nan'), START - STEP)
         client.until(
-            lambda: 'joints there: turntable_joint nan' in client.diagnostic('triangulator')
+            lambda: (
+                'last message has joints: turntable_joint nan' in client.diagnostic('triangulator')
+            )
         )
         feed(inputs, frames[:20], found=found)
         client.until(lambda: len(found) >= 16)
@@ -126,7 +153,7 @@ def test_a_joint_that_is_nowhere_yet_is_said_and_known_as_soon_as_it_is_homed(
         client.until(lambda: 'ahead of those of' not in client.diagnostic('triangulator'))
 
 
-def test_a_cell_that_was_written_anew_counts_from_the_next_scan(
+def test_modified_cell_file_is_used_from_the_next_scan(
     client, inputs, cell, cell_file, frames, tmp_path
 ):
     found = client.collect(PointCloud2, 'profile')
@@ -142,14 +169,14 @@ def test_a_cell_that_was_written_anew_counts_from_the_next_scan(
         client.until(lambda: len(found) >= 16)
 
 
-def test_without_a_cell_the_node_lives_and_says_so(client, tmp_path, cell_file):
+def test_missing_cell_file_is_reported_until_another_is_set(client, tmp_path, cell_file):
     with running('triangulator', cell=str(tmp_path / 'none.yaml')):
         client.until(lambda: 'none.yaml' in client.diagnostic('triangulator'))
         assert client.set('triangulator', cell=str(cell_file)).successful
         client.until(lambda: 'none.yaml' not in client.diagnostic('triangulator'))
 
 
-def test_parameters_that_make_no_sense_are_refused_by_name(client, cell_file, tmp_path):
+def test_invalid_parameters_are_rejected_by_name(client, cell_file, tmp_path):
     with running('triangulator', cell=str(cell_file)):
         for name, value in (
             ('exposure', float('nan')),
@@ -170,7 +197,7 @@ def test_parameters_that_make_no_sense_are_refused_by_name(client, cell_file, tm
         assert client.set('triangulator', view=[0, 1], motion='step').successful
 
 
-def test_in_steps_only_a_table_that_stands_is_measured_and_once(client, inputs, cell_file, frames):
+def test_step_motion_measures_each_standstill_once(client, inputs, cell_file, frames):
     found = client.collect(PointCloud2, 'profile')
     with running('triangulator', cell=str(cell_file), motion='step', settle=0.05):
         inputs.wait()
@@ -191,7 +218,7 @@ def test_in_steps_only_a_table_that_stands_is_measured_and_once(client, inputs, 
     np.testing.assert_allclose(angles, [0.0, 0.3], atol=1e-6)
 
 
-def test_a_laser_that_is_not_to_be_measured_gives_no_profile(client, inputs, cell_file, frames):
+def test_laser_without_a_view_number_gives_no_profile(client, inputs, cell_file, frames):
     found = client.collect(PointCloud2, 'profile')
     with running('triangulator', cell=str(cell_file), view=[-1, 7]):
         inputs.wait()

@@ -58,7 +58,7 @@ class Table:
         return [name for name, on in zip(last.name, last.position, strict=True) if on]
 
     def shining(self):
-        """What truly shines now."""
+        """True power of each laser now."""
         now = time.monotonic()
         return self.truth.lasers(now - 1e-3, now).tolist()
 
@@ -104,7 +104,7 @@ class Table:
 
 @pytest.fixture(scope='module')
 def node(live):
-    node = NodeProcess('turntable', port=str(live / 'board'))
+    node = NodeProcess('turntable', port=str(live / 'controller'))
     yield node
     assert node.end() == 0, node.output
 
@@ -116,17 +116,17 @@ def table(client, live, node):
     assert node.alive
     if not table.stands() or any(table.shining()):
         client.trigger('turntable/stop')
-        # who was stopped has to let go
+        # lasers stay off until no hold has been received for a while
         client.spin(0.6)
 
 
 @pytest.fixture
 def others(node):
-    """The board is free for a node of another kind."""
+    """End the node of the module, so that another one can open the controller."""
     node.end()
 
 
-def test_a_move_takes_the_time_it_is_given_and_ends_at_its_target(table):
+def test_move_takes_the_requested_time_and_ends_at_its_target(table):
     start = time.monotonic()
     table.joints.clear()
     table.go(1.0, 1.5)
@@ -139,7 +139,7 @@ def test_a_move_takes_the_time_it_is_given_and_ends_at_its_target(table):
     assert table.truth.table(time.monotonic())[0] == pytest.approx(1.0, abs=1e-3)
 
 
-def test_commanding_the_present_position_stops(table):
+def test_commanding_the_present_position_stops_the_table(table):
     table.go(40.0, 60.0)
     table.client.until(lambda: abs(table.joints[-1].velocity[0]) > 0.2)
     here = table.position()
@@ -147,7 +147,7 @@ def test_commanding_the_present_position_stops(table):
     table.arrive(here, 4.0)
 
 
-def test_a_held_laser_shines_and_goes_dark_half_a_second_after_the_last_hold(table):
+def test_laser_is_on_until_half_a_second_after_the_last_hold(table):
     table.hold('left', 0.8)
     assert table.lit() == ['left']
     assert table.shining() == [1.0, 0.0]
@@ -160,7 +160,7 @@ def test_a_held_laser_shines_and_goes_dark_half_a_second_after_the_last_hold(tab
     assert table.shining() == [0.0, 0.0]
 
 
-def test_a_beam_is_cut_in_mid_move_and_the_position_is_kept(table):
+def test_laser_goes_off_during_a_move_and_the_position_is_kept(table):
     table.hold('left', 0.4)
     table.go(table.position() + 20.0, 40.0)
     table.hold('left', 0.6)
@@ -173,14 +173,14 @@ def test_a_beam_is_cut_in_mid_move_and_the_position_is_kept(table):
     table.arrive(target)
 
 
-def test_an_unknown_laser_and_an_old_hold_light_nothing(table):
+def test_unknown_laser_and_old_hold_switch_nothing_on(table):
     table.hold('middle', 0.4)
     table.hold('left', 0.4, age=5.0)
     assert table.lit() == []
     table.client.until(lambda: 'old' in table.client.diagnostic('turntable'), 3.0)
 
 
-def test_a_laser_by_hand_only_in_an_idle_cell(table):
+def test_enable_service_works_only_in_an_idle_cell(table):
     answer = table.enable('right')
     assert answer.success, answer.message
     assert table.shining() == [0.0, 1.0]
@@ -192,7 +192,7 @@ def test_a_laser_by_hand_only_in_an_idle_cell(table):
     assert 'BUSY' in answer.message
 
 
-def test_stop_ends_motion_and_beam(table):
+def test_stop_ends_motion_and_turns_lasers_off(table):
     table.hold('left', 0.3)
     table.go(table.position() + 20.0, 40.0)
     table.hold('left', 0.3)
@@ -211,14 +211,14 @@ def test_stop_ends_motion_and_beam(table):
         ({'names': ['other']}, 'other'),
     ],
 )
-def test_a_trajectory_that_is_none_is_refused(table, changes, reason):
+def test_invalid_trajectory_is_rejected(table, changes, reason):
     here = table.position()
     table.go(here + 1.0, **changes)
     table.client.until(lambda: reason in table.client.diagnostic('turntable'), 3.0)
     assert table.position() == here
 
 
-def test_a_restart_of_the_board_is_said_and_cleared(table):
+def test_restart_of_the_controller_is_an_alarm_that_can_be_cleared(table):
     table.fault('reset')
     table.client.until(lambda: 'POSITION_LOST' in table.client.diagnostic('turntable'), 4.0)
     success, answer = table.client.trigger('turntable/clear_alarm')
@@ -227,14 +227,14 @@ def test_a_restart_of_the_board_is_said_and_cleared(table):
     table.client.until(lambda: not table.stands())
 
 
-def test_home_without_a_switch_answers_why(table):
+def test_home_without_a_switch_returns_the_reason(table):
     success, answer = table.client.trigger('turntable/home')
     assert not success
-    assert answer['code'] == 'BOARD_REFUSED'
+    assert answer['code'] == 'CONTROLLER_REFUSED'
 
 
-def test_nothing_shines_without_the_permit_that_is_required(client, live, others):
-    port = str(live / 'board')
+def test_lasers_stay_off_without_the_required_permit(client, live, others):
+    port = str(live / 'controller')
     with running('turntable', port=port, beam_permit_required=True):
         table = Table(client, live)
         table.hold('left', 0.4)
@@ -248,8 +248,8 @@ def test_nothing_shines_without_the_permit_that_is_required(client, live, others
 
 
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGINT])
-def test_lasers_are_off_after_a_signal_in_mid_move(client, live, others, number):
-    node = NodeProcess('turntable', port=str(live / 'board'))
+def test_lasers_are_off_after_a_signal_during_a_move(client, live, others, number):
+    node = NodeProcess('turntable', port=str(live / 'controller'))
     table = Table(client, live)
     table.hold('left', 0.4)
     table.go(table.position() + 20.0, 40.0)
@@ -260,23 +260,23 @@ def test_lasers_are_off_after_a_signal_in_mid_move(client, live, others, number)
     assert table.truth.table(time.monotonic())[1] == 0.0
 
 
-def test_a_node_without_a_board_lives_and_says_so(client, tmp_path):
+def test_missing_controller_is_reported(client, tmp_path):
     with running('turntable', port=str(tmp_path / 'none')):
         client.until(lambda: 'none' in client.diagnostic('turntable'), 10.0)
         success, answer = client.trigger('turntable/stop')
         assert not success
-        assert answer['code'] == 'BOARD_LOST'
+        assert answer['code'] == 'CONTROLLER_LOST'
 
 
 @pytest.fixture
 def bridge(live):
-    """The board behind a network, as a serial port server gives it."""
+    """URL of the controller behind a TCP socket, as from a serial device server."""
     listener = socket.create_server(('127.0.0.1', 0))
     ending = threading.Event()
 
     def serve():
         connection, _ = listener.accept()
-        with connection, (live / 'board').open('r+b', buffering=0) as board:
+        with connection, (live / 'controller').open('r+b', buffering=0) as board:
             os.set_blocking(board.fileno(), False)
             while not ending.is_set():
                 for source in select.select([connection, board], [], [], 0.05)[0]:
@@ -293,8 +293,8 @@ def bridge(live):
     listener.close()
 
 
-def test_a_board_behind_a_url_and_what_is_set_while_it_runs(client, live, others, bridge):
-    # a whole number for one with a point is what people write
+def test_controller_behind_a_url_and_parameters_set_while_it_runs(client, live, others, bridge):
+    # an integer is accepted for a floating-point parameter
     with running('turntable', port=bridge, velocity=2, laser_power=1):
         table = Table(client, live)
         table.hold('left', 0.4)
@@ -318,12 +318,12 @@ def test_a_board_behind_a_url_and_what_is_set_while_it_runs(client, live, others
 @pytest.mark.parametrize(
     ('lasers', 'said'),
     [
-        (['left laser', 'right'], "'left laser' cannot be part of the name of a service"),
-        (['left', 'left'], 'one is named twice'),
+        (['left laser', 'right'], "'left laser' cannot be part of a service name"),
+        (['left', 'left'], 'a name occurs twice'),
         ([], 'laser_outputs: 2 for 0 lasers'),
     ],
 )
-def test_lasers_that_cannot_be_are_refused_by_name(lasers, said):
+def test_invalid_lasers_are_rejected_by_name(lasers, said):
     node = NodeProcess('turntable', lasers=lasers)
     node.process.wait(30)
     assert node.end() == 2
@@ -331,7 +331,7 @@ def test_lasers_that_cannot_be_are_refused_by_name(lasers, said):
 
 
 def test_lasers_alone_without_a_table(client, live, others):
-    with running('turntable', port=str(live / 'board'), table=False):
+    with running('turntable', port=str(live / 'controller'), table=False):
         lasers = client.collect(JointState, 'laser_states')
         client.until(lambda: lasers, 10.0)
         assert client.node.count_publishers('joint_states') == 0

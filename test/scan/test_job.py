@@ -6,17 +6,17 @@ import pytest
 
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.scan.job import run_job
-from ivfmc_ros.scan.machine import Machine
-from ivfmc_ros.scan.machine import Stage
 from ivfmc_ros.scan.plan import make_plan
-from ivfmc_ros.scan.plan import Motion
+from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.request import ScanRequest
+from ivfmc_ros.scan.state_machine import Stage
+from ivfmc_ros.scan.state_machine import StateMachine
 
-MOTION = Motion()
+MOTION = MotionLimits()
 
 
 class FakeTools:
-    """Writes down what it is told; ``at`` maps what it does to a function that is called then."""
+    """Records its calls; ``at`` maps the name of a call to a function that is called then."""
 
     def __init__(self, machine, at=None):
         self.machine = machine
@@ -32,52 +32,52 @@ class FakeTools:
     async def prepare(self):
         self._do('prepare')
 
-    async def select(self, sweep):
+    async def select_views(self, sweep):
         self._do('select', sweep.views)
 
     async def move(self, position, velocity):
         self._do('move', round(position, 6), round(velocity, 6))
 
-    async def light(self, laser):
+    async def laser_on(self, laser):
         self.lit = laser
         self._do('light', laser)
 
-    def dark(self):
+    def lasers_off(self):
         self.lit = None
 
-    async def dark_frame(self):
+    async def take_dark_frame(self):
         assert self.lit is None
         self._do('dark_frame')
 
-    async def profile_of(self, view):
+    async def wait_for_profile(self, view):
         self._do('profile', view)
 
-    async def rate(self, sweep):
+    async def measure_profile_rate(self, sweep):
         self._do('rate')
         return self.profile_rate
 
-    async def settled(self, sweep):
+    async def wait_for_sweep_profiles(self, sweep):
         self._do('settled')
 
-    async def resumed(self):
+    async def wait_until_resumed(self):
         assert self.lit is None
         self._do('resumed')
 
-    async def recorded(self):
+    async def wait_until_recorded(self):
         self._do('recorded')
 
     async def register(self):
         self._do('register')
         return {'views': 2}
 
-    async def build(self):
+    async def build_mesh(self):
         self._do('build')
         return {'faces': 12}
 
     async def finish(self, outcome):
         self._do('finish', outcome.code)
 
-    async def halt(self, outcome):
+    async def abort(self, outcome):
         self._do('halt', outcome.code)
 
     def names(self):
@@ -85,9 +85,9 @@ class FakeTools:
 
 
 def run(at=None, **values):
-    machine = Machine()
+    machine = StateMachine()
     stages = []
-    machine._changed = stages.append
+    machine._on_change = stages.append
     tools = FakeTools(machine, at)
     plan = make_plan(ScanRequest(**values), ('left', 'right'), MOTION)
     outcome = asyncio.run(run_job(machine, plan, MOTION, tools))
@@ -115,7 +115,7 @@ def test_dark_frame_comes_first_at_every_stop():
     assert steps == ['move', 'dark_frame', 'light', 'light'] * 3
 
 
-def test_table_that_turns_has_no_dark_frames():
+def test_continuous_scan_has_no_dark_frames():
     tools, outcome, _ = run(profiles=200, dark_frames=True)
     assert outcome.code == 'OK'
     assert 'dark_frame' not in tools.names()
@@ -142,7 +142,7 @@ def test_continuous_scan_has_lead_in_and_lead_out():
 @pytest.mark.parametrize('where', ['prepare', 'move', 'light', 'settled', 'register', 'build'])
 def test_lasers_are_off_after_every_failure(where):
     def fail():
-        raise HelperError('CAMERA_LOST', 'no sign of life')
+        raise HelperError('CAMERA_LOST', 'no heartbeat')
 
     tools, outcome, stages = run({where: fail})
     assert outcome.code == 'CAMERA_LOST'
@@ -151,7 +151,7 @@ def test_lasers_are_off_after_every_failure(where):
     assert stages[-1] is Stage.FAILED
 
 
-def test_error_that_nobody_thought_of_is_one_of_ours():
+def test_unexpected_exception_ends_the_scan_as_internal_error():
     def fail():
         raise ZeroDivisionError('oh')
 
@@ -161,24 +161,24 @@ def test_error_that_nobody_thought_of_is_one_of_ours():
     assert (tools.lit, stages[-1]) == (None, Stage.FAILED)
 
 
-def _run_with(machine_does, **values):
-    machine = Machine()
-    tools = FakeTools(machine, {'profile': lambda: machine_does(machine)})
+def _run_with(at_each_profile, **values):
+    machine = StateMachine()
+    tools = FakeTools(machine, {'profile': lambda: at_each_profile(machine)})
     tools._at['resumed'] = machine.resume
     plan = make_plan(ScanRequest(**values), ('left', 'right'), MOTION)
     stages = []
-    machine._changed = stages.append
+    machine._on_change = stages.append
     return tools, asyncio.run(run_job(machine, plan, MOTION, tools)), stages
 
 
 def test_cancel_ends_the_scan():
-    tools, outcome, stages = _run_with(Machine.cancel, motion='step', profiles=5)
+    tools, outcome, stages = _run_with(StateMachine.cancel, motion='step', profiles=5)
     assert outcome.code == 'CANCELLED'
     assert tools.names().count('profile') == 2
     assert (tools.lit, stages[-1]) == (None, Stage.CANCELLED)
 
 
-def test_paused_scan_goes_on_where_it_was():
+def test_paused_scan_resumes_at_the_same_stop():
     once = []
 
     def pause(machine):

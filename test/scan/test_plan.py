@@ -6,7 +6,7 @@ import pytest
 
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.scan.plan import make_plan
-from ivfmc_ros.scan.plan import Motion
+from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.request import ScanRequest
 
 LASERS = ('left', 'right')
@@ -15,10 +15,10 @@ TURN = 2.0 * math.pi
 
 def plan(position=0.0, motion_of_table=None, **values):
     request = ScanRequest(**values)
-    return make_plan(request, LASERS, motion_of_table or Motion(), position)
+    return make_plan(request, LASERS, motion_of_table or MotionLimits(), position)
 
 
-def test_lasers_take_turns_at_every_stop():
+def test_lasers_alternate_at_every_stop():
     made = plan(motion='step', profiles=4)
     (sweep,) = made.sweeps
     assert sweep.views == (0, 1)
@@ -45,26 +45,26 @@ def test_sweeps_of_a_turn_overlap():
     assert all(sweep.span == pytest.approx(TURN / 3 + 0.2) for sweep in made.sweeps)
 
 
-def test_single_sweep_reaches_beyond_the_turn():
+def test_single_sweep_extends_beyond_the_turn():
     assert plan(overlap=0.3).sweeps[0].span == pytest.approx(TURN + 0.3)
 
 
 @pytest.mark.parametrize('motion', ['step', 'continuous'])
-def test_table_only_turns_forward(motion):
-    table = Motion()
+def test_table_turns_in_positive_direction_only(motion):
+    table = MotionLimits()
     place = 17.3
     for sweep in plan(place, table, motion=motion, views=3, overlap=0.2).sweeps:
-        begin = sweep.start - sweep.lead(table)
+        begin = sweep.start - sweep.lead_angle(table)
         assert place - 2e-3 <= begin <= place + TURN
         assert (sweep.start / (TURN / 3)) == pytest.approx(round(sweep.start / (TURN / 3)))
         place = sweep.start + sweep.span
 
 
 def test_constant_speed_is_reached_before_the_first_profile():
-    table = Motion(acceleration=2.0, lead_time=0.5)
+    table = MotionLimits(acceleration=2.0, lead_time=0.5)
     sweep = plan(motion_of_table=table).sweeps[0]
     ramp = sweep.velocity**2 / (2 * table.acceleration)
-    assert sweep.lead(table) == pytest.approx(ramp + 0.5 * sweep.velocity)
+    assert sweep.lead_angle(table) == pytest.approx(ramp + 0.5 * sweep.velocity)
 
 
 def test_unknown_laser_is_refused():
@@ -73,17 +73,17 @@ def test_unknown_laser_is_refused():
 
 
 def test_sweep_faster_than_the_table_is_refused():
-    with pytest.raises(ParameterError, match='ask for 42 or more'):
+    with pytest.raises(ParameterError, match='request 42 or more'):
         plan(profiles=10)
 
 
 @pytest.mark.parametrize('value', [0.0, -1.0, math.nan, math.inf])
-def test_motion_that_is_no_positive_number_is_refused(value):
+def test_motion_limit_that_is_not_positive_is_refused(value):
     with pytest.raises(ParameterError, match='velocity'):
-        Motion(velocity=value)
+        MotionLimits(velocity=value)
 
 
 def test_table_turns_slower_for_a_slow_camera():
     sweep = plan(profiles=200).sweeps[0]
-    assert sweep.slowed(5.0) == pytest.approx(TURN / 200 * 5.0)
-    assert sweep.slowed(20.0) == sweep.velocity
+    assert sweep.limited_velocity(5.0) == pytest.approx(TURN / 200 * 5.0)
+    assert sweep.limited_velocity(20.0) == sweep.velocity

@@ -9,7 +9,7 @@ from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.scan.request import ScanRequest
 
 
-def test_request_becomes_plain_values():
+def test_request_is_serializable():
     request = ScanRequest(part='bracket', lasers=('left',))
     assert json.loads(json.dumps(request.as_dict()))['lasers'] == ['left']
 
@@ -17,12 +17,12 @@ def test_request_becomes_plain_values():
 @pytest.mark.parametrize(
     'name', ['', '../x', ';id;', 'a/b', '.hidden', 'a..b', 'a b', 'x' * 64, 'a\n', '-rf', 'ä']
 )
-def test_part_that_is_no_name_is_refused(name):
-    with pytest.raises(ParameterError, match=r'part: .* is not usable as a name'):
+def test_invalid_part_name_is_refused(name):
+    with pytest.raises(ParameterError, match=r'part: .* is not a valid name'):
         ScanRequest(part=name)
 
 
-def test_recipe_that_is_no_name_is_refused():
+def test_invalid_recipe_name_is_refused():
     with pytest.raises(ParameterError, match='recipe'):
         ScanRequest(recipe='../x')
 

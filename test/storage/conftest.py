@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ivfmc_ros.cell.camera import Camera
-from ivfmc_ros.storage.bag.writer import BagWriter
+from ivfmc_ros.storage.bag.writer import create_bag
 from ivfmc_ros.storage.messages import cdr
 
 SECOND = 1_000_000_000
@@ -49,7 +49,7 @@ def write_bag(tmp_path, camera, picture):
     """
 
     def write(name='bag', count=5, before=None, infos=True, joints=True, **options):
-        with BagWriter(tmp_path / name, **options) as bag:
+        with create_bag(tmp_path / name, **options) as bag:
             for index in range(count):
                 stamp = START + index * SECOND // 10
                 if joints:

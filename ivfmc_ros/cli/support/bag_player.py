@@ -12,13 +12,13 @@ from typing import Any
 from ivfmc_ros.cli.support.client import CellClient
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.storage.bag.reader import Bag
-from ivfmc_ros.storage.bag.reader import Raw
+from ivfmc_ros.storage.bag.reader import RawMessage
 from ivfmc_ros.storage.messages import cdr
-from ivfmc_ros.storage.messages.build import COMPRESSED_IMAGE
-from ivfmc_ros.storage.messages.build import IMAGE
-from ivfmc_ros.storage.messages.build import image as image_message
 from ivfmc_ros.storage.messages.image_decoding import decode_compressed
-from ivfmc_ros.storage.messages.profile_head import ProfileHead
+from ivfmc_ros.storage.messages.profile_header import ProfileHeader
+from ivfmc_ros.storage.messages.sensor_messages import COMPRESSED_IMAGE
+from ivfmc_ros.storage.messages.sensor_messages import IMAGE
+from ivfmc_ros.storage.messages.sensor_messages import image as image_message
 
 # Fewer than the triangulator keeps, so that none is pushed out of its history.
 _WINDOW = 10
@@ -50,7 +50,7 @@ class Track:
     target: str
     msgtype: str
     picture: bool = False
-    decode: Callable[[Raw], Any] | None = None
+    decode: Callable[[RawMessage], Any] | None = None
 
 
 def target_of(bag: Bag, source: str, target: str, picture: bool = False) -> Track:
@@ -84,7 +84,7 @@ class BagPlayer:
         bag: Bag,
         tracks: Mapping[str, Track],
         clock: bool = False,
-        recorded: Mapping[int, ProfileHead] | None = None,
+        recorded: Mapping[int, ProfileHeader] | None = None,
         *,
         every: bool = False,
     ) -> None:
@@ -188,7 +188,7 @@ class BagPlayer:
         own = node.get_name()
         return {f'{i.node_namespace}/{i.node_name}' for i in infos if i.node_name != own}
 
-    def _publish(self, raw: Raw) -> None:
+    def _publish(self, raw: RawMessage) -> None:
         track = self._tracks[raw.topic]
         data, stamp_ns = raw.data, raw.log_time_ns
         if track.decode is not None:
@@ -211,7 +211,7 @@ class BagPlayer:
             self._under_way.append(stamp_ns)
         self._client.spin(0.0)
 
-    def _select(self, head: ProfileHead) -> None:
+    def _select(self, head: ProfileHeader) -> None:
         """Let the profile of a laser belong to its view from now on, as the scan did."""
         if self._views[head.laser] == head.view:
             return

@@ -14,9 +14,9 @@ from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.cell_file import load_draft
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
-from ivfmc_ros.scan.record import load_parameters
-from ivfmc_ros.storage.scan_bag import read_scan
-from ivfmc_ros.storage.scan_bag import ScanBag
+from ivfmc_ros.scan.scan_folder import load_parameters
+from ivfmc_ros.storage.scans.scan_bag import open_scan
+from ivfmc_ros.storage.scans.scan_bag import ScanBag
 
 Command = TypeVar('Command', bound=Callable[..., Any])
 
@@ -82,5 +82,5 @@ def open_bag(bag: Path, cell_path: Path | None, camera_path: Path | None) -> tup
     camera = None if camera_path is None else load_camera(camera_path)
     names = [laser.name for laser in draft.lasers]
     dark = bool(load_parameters(folder).get('dark_frames'))
-    scan = read_scan(bag, lasers=names, camera=camera, dark=dark)
+    scan = open_scan(bag, lasers=names, camera=camera, dark=dark)
     return scan, draft.complete(scan.camera, str(path))

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Poses of views as messages."""
+"""View poses to geometry_msgs/PoseArray."""
 
 from collections.abc import Mapping
 from collections.abc import Sequence
@@ -20,16 +20,20 @@ from ivfmc_ros.nodes.convert.stamps import header
 
 
 def from_poses(views: Sequence[View], poses: Poses, stamp_ns: int) -> PoseArray:
-    """Return the corrections: that of view number i at place i, identity where there is none."""
-    placed = zip(views, poses.turntable_from_view, strict=True)
-    return from_placed({view.number: T for view, T in placed}, stamp_ns)
+    """Return the message whose pose i is that of view number i, identity for missing numbers."""
+    registered = zip(views, poses.turntable_from_view, strict=True)
+    return from_transforms({view.number: T for view, T in registered}, stamp_ns)
 
 
-def from_placed(by_number: Mapping[int, Floats], stamp_ns: int) -> PoseArray:
-    """Return the (4, 4) corrections of views by their numbers; identity where there is none."""
+def from_transforms(by_number: Mapping[int, Floats], stamp_ns: int) -> PoseArray:
+    """
+    Return the message whose pose i is the transform of view number i.
+
+    by_number : (4, 4) turntable_from_view, metres; identity for missing numbers
+    """
     count = max(by_number, default=-1) + 1
-    placed = [_pose(by_number.get(number, np.eye(4))) for number in range(count)]
-    return PoseArray(header=header(stamp_ns, FRAME), poses=placed)
+    poses = [_pose(by_number.get(number, np.eye(4))) for number in range(count)]
+    return PoseArray(header=header(stamp_ns, FRAME), poses=poses)
 
 
 def _pose(T: Floats) -> Pose:

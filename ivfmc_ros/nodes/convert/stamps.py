@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Stamps of messages and integers of nanoseconds."""
+"""builtin_interfaces/Time to integer nanoseconds and back."""
 
 from builtin_interfaces.msg import Time
 from std_msgs.msg import Header
@@ -9,11 +9,11 @@ _NANOSECONDS = 1_000_000_000
 
 
 def nanoseconds(stamp: Time) -> int:
-    """Return a stamp in nanoseconds."""
+    """Return a stamp as nanoseconds since the epoch."""
     return int(stamp.sec) * _NANOSECONDS + int(stamp.nanosec)
 
 
 def header(stamp_ns: int, frame_id: str) -> Header:
-    """Return a header with a stamp in nanoseconds."""
+    """Return a header with a stamp given in nanoseconds."""
     seconds, rest = divmod(int(stamp_ns), _NANOSECONDS)
     return Header(stamp=Time(sec=seconds, nanosec=rest), frame_id=frame_id)

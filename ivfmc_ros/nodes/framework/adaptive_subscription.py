@@ -3,9 +3,9 @@
 """
 A subscription with the QoS that the publishers of its topic offer.
 
-A reliable listener hears nothing of a best effort publisher, a latched one nothing of a volatile
-publisher, and neither is told. So the graph is asked, again and again, because publishers come
-and go.
+A reliable subscription receives nothing from a best-effort publisher, nor a transient-local one
+from a volatile publisher. The offered QoS is therefore read from the ROS graph periodically, and
+the subscription is created again when it has changed.
 """
 
 from collections.abc import Callable
@@ -18,11 +18,12 @@ from rclpy.qos import ReliabilityPolicy
 from ivfmc_ros.nodes.framework import qos
 from ivfmc_ros.nodes.framework.base import CellNode
 
-LOOK_S = 0.25
+# Seconds between two looks at the graph: new publishers are received after half of it on average.
+POLL_S = 0.25
 
 
 class AdaptiveSubscription:
-    """Subscribes ``topic``, and again where what its publishers offer changes."""
+    """Subscribes to ``topic``, and again when the QoS that its publishers offer has changed."""
 
     def __init__(
         self,
@@ -34,37 +35,39 @@ class AdaptiveSubscription:
         raw: bool = False,
     ) -> None:
         """
-        Subscribe, reliable until publishers are known.
+        Subscribe, with the QoS of this package's own publishers until others are known.
 
-        depth : messages that may wait; None for that of the topic's name
-        raw : ``callback`` gets the bytes of the message
+        depth : length of the queue; None for the one of the topic in ``qos``
+        raw : ``callback`` takes the serialized message
         """
         self._node = node
         self._kind = kind
         self._topic = topic
         self._raw = raw
         self._depth = depth or int(qos.of_topic(topic).depth)
-        self._callback = node.border(callback, topic)
-        self._offer = (ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)
+        self._callback = node.guarded(callback, topic)
+        # created twice, a transient-local subscription would receive the latched messages twice
+        own = qos.of_topic(topic)
+        self._offered = (own.reliability, own.durability)
         self._subscription = self._subscribe()
-        self._timer = node.steady_timer(LOOK_S, self._look)
+        self._timer = node.steady_timer(POLL_S, self._adapt)
 
     @property
     def topic(self) -> str:
-        """The full name of the topic."""
+        """The fully qualified name of the topic."""
         return str(self._node.resolve_topic_name(self._topic))
 
     @property
     def publishers(self) -> int:
-        """How many there are."""
+        """The number of publishers on the topic."""
         return int(self._node.count_publishers(self.topic))
 
     def drain(self) -> None:
         """
-        Take all messages that wait.
+        Process all messages in the queue.
 
-        An executor takes one message of each topic in a round; whoever works for long in a round
-        would be late for the others, and lose them when they are more than ``depth``.
+        An executor takes one message of each topic in a round. A callback that works for long in
+        each round would be late for the others, and lose them when they are more than ``depth``.
         """
         handle = self._subscription.handle
         for _ in range(self._depth):
@@ -75,29 +78,29 @@ class AdaptiveSubscription:
             self._callback(taken[0])
 
     def destroy(self) -> None:
-        """Listen no longer."""
+        """End the subscription."""
         self._node.destroy_timer(self._timer)
         self._node.destroy_subscription(self._subscription)
 
-    def _look(self) -> None:
+    def _adapt(self) -> None:
         found = self._node.get_publishers_info_by_topic(self.topic)
-        offers = [info.qos_profile for info in found]
-        if not offers:
+        profiles = [info.qos_profile for info in found]
+        if not profiles:
             return
-        # what the least generous of them offers is heard of all of them
-        reliable = all(o.reliability == ReliabilityPolicy.RELIABLE for o in offers)
-        lasting = all(o.durability == DurabilityPolicy.TRANSIENT_LOCAL for o in offers)
-        offer = (
+        # the weakest offer is compatible with all publishers
+        reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
+        latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
+        offered = (
             ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-            DurabilityPolicy.TRANSIENT_LOCAL if lasting else DurabilityPolicy.VOLATILE,
+            DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )
-        if offer != self._offer:
-            self._offer = offer
+        if offered != self._offered:
+            self._offered = offered
             self._node.destroy_subscription(self._subscription)
             self._subscription = self._subscribe()
 
     def _subscribe(self) -> Any:
-        reliability, durability = self._offer
+        reliability, durability = self._offered
         profile = QoSProfile(depth=self._depth, reliability=reliability, durability=durability)
         return self._node.create_subscription(
             self._kind,

@@ -1,10 +1,10 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The common base of all nodes: border, heartbeat, diagnostics, JSON answers.
+Base class of all nodes: guarded callbacks, heartbeat, diagnostics, services with JSON responses.
 
-A callback that raises never ends a node: the border turns the exception into a diagnostic, and
-into the answer of a service.
+An exception in a callback does not end a node. It becomes a condition in the diagnostics, or the
+response of the service.
 """
 
 from collections.abc import Awaitable
@@ -36,52 +36,61 @@ from ivfmc_ros.nodes.framework import environment
 from ivfmc_ros.nodes.framework import qos
 from ivfmc_ros.nodes.framework.health import Health
 from ivfmc_ros.nodes.framework.health import Level
+from ivfmc_ros.nodes.framework.health import WAITING
 from ivfmc_ros.nodes.framework.json_response import Answer
 from ivfmc_ros.nodes.framework.json_response import describe
-from ivfmc_ros.nodes.framework.json_response import ok
-from ivfmc_ros.nodes.framework.json_response import refusal
+from ivfmc_ros.nodes.framework.json_response import error_response
+from ivfmc_ros.nodes.framework.json_response import success_response
 from ivfmc_ros.nodes.framework.parameters import ParameterNode
-from ivfmc_ros.nodes.framework.service_retry import persistent
+from ivfmc_ros.nodes.framework.service_retry import retry_responses
 
 HEARTBEAT_S = 0.1
 DIAGNOSTICS_S = 1.0
 
-# An executor that raises this often without doing anything in between is broken.
-_HOPELESS = 1000
-# Seconds that a node may take to end in order.
-_PATIENCE = 20.0
+# Seconds from the start of a node within which a missing input is no warning. The slowest input
+# of a cell is the simulated camera, which loads Open3D first: 5 to 15 s on two cores.
+STARTUP_S = 30.0
+
+# Exceptions in a row out of spin_once, without one success, after which the executor is broken.
+_MAX_SPIN_FAILURES = 1000
+# Seconds that a node may take to shut down: turntable and recorder need up to 10.
+_SHUTDOWN_S = 20.0
 
 Handler = Callable[[], Answer | Awaitable[Answer]]
+Received = Callable[[], object]
 
 
 class CellNode(ParameterNode):
     """
     A node of the cell.
 
-    It beats on ``<node>/heartbeat`` from a steady clock (ROS time may stand still), says how it
-    is on ``/diagnostics``, and survives whatever its callbacks raise.
+    It publishes ``<node>/heartbeat`` at 10 Hz from a steady clock (ROS time may stand still) and
+    its conditions on ``/diagnostics`` at 1 Hz, and it survives exceptions in its callbacks.
     """
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self.health = Health(self._say)
+        self.health = Health(self._log)
+        self._activity = ''
         self._values: dict[str, Any] = {}
-        # services may await without holding up timers and each other
+        self._inputs: list[tuple[str, Received, Callable[[], str], str]] = []
+        self._started_s = self.steady_s()
+        # services may await without blocking timers or each other
         self._services_group = ReentrantCallbackGroup()
-        self._beats = self.create_publisher(Header, '~/heartbeat', qos.reliable(10))
+        self._heartbeat = self.create_publisher(Header, '~/heartbeat', qos.reliable(10))
         self._diagnostics = self.create_publisher(
             DiagnosticArray, '/diagnostics', qos.reliable(10)
         )
-        self.steady_timer(HEARTBEAT_S, self._beat)
-        self.steady_timer(DIAGNOSTICS_S, self._diagnose)
+        self.steady_timer(HEARTBEAT_S, self._publish_heartbeat)
+        self.steady_timer(DIAGNOSTICS_S, self._publish_diagnostics)
 
     def steady_timer(self, period_s: float, callback: Callable[[], object]) -> Any:
-        """Return a timer on a clock that never jumps; ``callback`` goes through the border."""
-        return self.create_timer(period_s, self.border(callback), clock=self.steady_clock)
+        """Return a timer on a clock that never jumps, with a guarded callback."""
+        return self.create_timer(period_s, self.guarded(callback), clock=self.steady_clock)
 
     def later(self, delay_s: float, callback: Callable[[], object]) -> None:
-        """Call ``callback`` once, after so many seconds of the steady clock."""
+        """Call ``callback`` once, ``delay_s`` seconds of the steady clock from now."""
 
         def once() -> None:
             timer.cancel()
@@ -90,16 +99,13 @@ class CellNode(ParameterNode):
 
         timer = self.steady_timer(delay_s, once)
 
-    def subscribe(
-        self, kind: type, topic: str, callback: Callable[[Any], object], depth: int | None = None
-    ) -> Any:
-        """Subscribe one of our own topics, with the QoS it is published with."""
-        profile = qos.of_topic(topic) if depth is None else qos.reliable(depth)
+    def subscribe(self, kind: type, topic: str, callback: Callable[[Any], object]) -> Any:
+        """Subscribe to a topic of this package, with the QoS that its node publishes with."""
         return self.create_subscription(
             kind,
             topic,
-            self.border(callback, topic),
-            profile,
+            self.guarded(callback, topic),
+            qos.of_topic(topic),
             event_callbacks=qos.NO_SUBSCRIPTION_EVENTS,
         )
 
@@ -109,40 +115,73 @@ class CellNode(ParameterNode):
             kind, topic, qos.of_topic(topic), event_callbacks=qos.NO_PUBLISHER_EVENTS
         )
 
-    def border(self, function: Callable[..., object], name: str = '') -> Callable[..., None]:
+    def guarded(self, function: Callable[..., object], name: str = '') -> Callable[..., None]:
         """
-        Return ``function`` as a callback whose exceptions become a diagnostic.
+        Return ``function`` as a callback whose exceptions become a fault in the diagnostics.
 
-        The trouble has the name ``name`` (by default the function's), is logged when it begins or
-        changes, and is over when the function returns again.
+        The fault ends when the function returns again.
+
+        name : object of the fault, such as the topic; by default the function's name
         """
-        named = name or getattr(function, '__name__', type(function).__name__).strip('_')
+        subject = name or getattr(function, '__name__', type(function).__name__).strip('_')
 
-        def guarded(*arguments: Any) -> None:
+        def callback(*arguments: Any) -> None:
             try:
                 function(*arguments)
-            except Exception as error:  # whatever it is, spin goes on
-                self.trouble(named, error)
+            except Exception as error:  # spin must go on
+                self.fault(subject, error)
             else:
-                self.health.clear(named)
+                self.health.clear_fault(subject)
 
-        return guarded
+        return callback
 
-    def trouble(self, name: str, error: BaseException) -> None:
-        """State an exception as the condition ``name``; with its place unless a ScanError."""
-        self.health.set(name, Level.ERROR, describe(error))
+    def fault(self, subject: str, error: BaseException) -> None:
+        """
+        Set an exception as the fault of an object (see ``Health.fault``).
 
-    def status(self, level: Level | int, message: str, **values: Any) -> None:
-        """Say how the node is; ``values`` are kept until they are said again."""
+        Its kind is the error code, or the type of an exception that is no ScanError; the message
+        of the latter names the line of code.
+        """
+        kind = error.code if isinstance(error, ScanError) else type(error).__name__
+        self.health.fault(subject, kind, describe(error))
+
+    def status(self, activity: str, **values: Any) -> None:
+        """
+        Set what the node is doing, for diagnostics; logged when it changes.
+
+        activity : a fixed text such as 'recording', without numbers
+        values : key-value pairs of the diagnostics, kept until they are set again
+        """
         self._values.update(values)
-        self.health.set('status', Level(level), message)
+        if activity and activity != self._activity:
+            self.get_logger().info(activity)
+        self._activity = activity
+
+    def expect(
+        self, subject: str, received: Received, message: Callable[[], str], recovered: str
+    ) -> None:
+        """
+        Report an input as a condition while it has not been received; checked at 1 Hz.
+
+        It is information for the first ``STARTUP_S`` of the node, and a warning afterwards.
+
+        subject : the input, such as a topic
+        message : returns what the node waits for, and what the operator can do
+        recovered : what the log says of ``subject`` when it has been received
+        """
+        self._inputs.append((subject, received, message, recovered))
+
+    def waiting_level(self) -> Level:
+        """Return the level of a condition that is normal only while the cell starts."""
+        started = self.steady_s() - self._started_s > STARTUP_S
+        return Level.WARN if started else Level.OK
 
     def trigger(self, name: str, handler: Handler, *, private: bool = True) -> Any:
         """
-        Offer a std_srvs/Trigger that answers with one JSON object.
+        Create a std_srvs/Trigger service that responds with one JSON object.
 
-        handler : sync or async, returns what stands beside ``"code": "OK"``
-        private : below the node's name; otherwise at the top of the namespace
+        handler : sync or async, returns the values beside ``"code": "OK"``
+        private : below the node's name; otherwise directly in the namespace of the cell
         """
         return self.service(Trigger, name, lambda _: handler(), private=private)
 
@@ -155,9 +194,9 @@ class CellNode(ParameterNode):
         private: bool = True,
     ) -> Any:
         """
-        Offer a service whose response has ``success`` and ``message`` (Trigger, SetBool).
+        Create a service whose response has ``success`` and ``message`` (Trigger, SetBool).
 
-        handler : takes the request; what it raises is the answer, with its code
+        handler : takes the request; an exception becomes the response, with its code
         """
 
         async def answer(request: Any, response: Any) -> Any:
@@ -165,10 +204,10 @@ class CellNode(ParameterNode):
                 result = handler(request)
                 if inspect.isawaitable(result):
                     result = await result
-                response.success, response.message = True, ok(result)
-            except Exception as error:  # the caller gets to know
+                response.success, response.message = True, success_response(result)
+            except Exception as error:  # the client gets it
                 self.get_logger().error(f'{name}: {describe(error)}')
-                response.success, response.message = False, refusal(error)
+                response.success, response.message = False, error_response(error)
             return response
 
         path = f'~/{name}' if private else name
@@ -178,8 +217,8 @@ class CellNode(ParameterNode):
         """
         Run ``function`` in a thread of its own and return a future to await.
 
-        For work that waits or releases the interpreter's lock, so that heartbeats go on. It must
-        not touch the node.
+        For work that blocks or releases the GIL, so that heartbeats go on. It must not use the
+        node.
         """
         future = Future(executor=self.executor)
         future.add_done_callback(lambda _: None)
@@ -197,7 +236,7 @@ class CellNode(ParameterNode):
         return future
 
     def wake(self) -> None:
-        """Let the executor look again at what is awaited; from any thread."""
+        """Wake the executor, so that it checks its futures; callable from any thread."""
         if self.executor is not None:
             self.executor.wake()
 
@@ -206,118 +245,126 @@ class CellNode(ParameterNode):
         return int(self.get_clock().now().nanoseconds)
 
     def steady_s(self) -> float:
-        """Return seconds of a clock that never jumps."""
+        """Return the steady clock, seconds."""
         return float(self.steady_clock.now().nanoseconds) * 1e-9
 
     def stop(self) -> None:
-        """Clean up before the process ends; a subclass adds to it."""
+        """Clean up before the process ends; a subclass extends it."""
 
-    def _beat(self) -> None:
+    def before_diagnosis(self) -> None:
+        """Update ``status`` and conditions before they are published; a subclass overrides it."""
+
+    def _publish_heartbeat(self) -> None:
         header = Header(frame_id=self.get_name())
         header.stamp = self.get_clock().now().to_msg()
-        self._beats.publish(header)
+        self._heartbeat.publish(header)
 
-    def _diagnose(self) -> None:
+    def _publish_diagnostics(self) -> None:
+        self._check_inputs()
         self.before_diagnosis()
+        self.health.log_ended()
         level, message = self.health.worst()
-        values = {**self._values, **self.health.conditions}
+        values = {'status': self._activity, **self._values, **self.health.messages}
         status = DiagnosticStatus(
             level=bytes([level]),
             name=self.get_fully_qualified_name().lstrip('/'),
-            message=message or 'running',
+            message=message or self._activity or 'running',
             hardware_id=self.get_namespace().strip('/'),
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
         )
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
 
-    def before_diagnosis(self) -> None:
-        """Bring ``status`` up to date; a subclass overrides it."""
+    def _check_inputs(self) -> None:
+        for subject, received, message, recovered in self._inputs:
+            if received():
+                self.health.clear(WAITING, subject)
+            else:
+                self.health.set(WAITING, subject, self.waiting_level(), message(), recovered)
 
-    def _say(self, name: str, level: Level, message: str) -> None:
+    def _log(self, level: Level, line: str) -> None:
         logger = self.get_logger()
-        told = name == 'status' or message.startswith(name)
-        text = message if told else f'{name}: {message}'
-        # rclpy wants one place in the code for each severity
+        # rclpy requires one place in the code for each severity
         if level is Level.ERROR:
-            logger.error(text)
+            logger.error(line)
         elif level is Level.OK:
-            logger.info(text)
+            logger.info(line)
         else:
-            logger.warning(text)
+            logger.warning(line)
 
 
 def run(make: Callable[[], CellNode], arguments: Sequence[str] | None = None) -> int:
     """
-    Run a node until it is told to end.
+    Run a node until SIGINT or SIGTERM.
 
-    make : the node's class; called after ROS is up
-    returns : the exit code: 0 in order, 1 the executor broke, 2 the node refused to start
+    make : the node's class; called after rclpy.init
+    returns : exit code: 0 after a signal, 1 when the executor failed, 2 when the node could not
+        be created
     """
     environment.prepare()
-    # our own handlers: with rclpy's, ROS is gone before a node can turn its lasers off
+    # own handlers: rclpy's shut the context down before a node can turn its lasers off
     rclpy.init(
         args=None if arguments is None else list(arguments),
         signal_handler_options=SignalHandlerOptions.NO,
     )
-    ending = threading.Event()
+    shutdown = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: _begin_to_end(ending))
+        signal.signal(number, lambda *_: _request_shutdown(shutdown))
     try:
         node = make()
     except ScanError as error:
-        get_logger('ivfmc').fatal(f'does not start: {error}')
+        get_logger('ivfmc').fatal(f'cannot start: {error}')
         rclpy.try_shutdown()
         return 2
     for service in node.services:
-        persistent(service, node.later)
-    for line in node.unknown():
-        # a file of parameters may serve several nodes, and is no reason not to start
+        retry_responses(service, node.later)
+    for line in node.unknown_parameters():
+        # only a warning: one parameter file may serve several nodes
         node.get_logger().warning(line)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
-        return _spin(node, executor, ending)
+        return _spin(node, executor, shutdown)
     finally:
-        _end(node, executor)
+        _shut_down(node, executor)
 
 
-def _begin_to_end(ending: threading.Event) -> None:
-    """End in order; whatever hangs on the way must not keep an orphan alive."""
-    if not ending.is_set():
-        ending.set()
-        # by the kernel: a thread would not be started, or not run, where the interpreter hangs
-        signal.setitimer(signal.ITIMER_REAL, _PATIENCE)
+def _request_shutdown(shutdown: threading.Event) -> None:
+    """Let ``_spin`` return, and have the process killed where that hangs."""
+    if not shutdown.is_set():
+        shutdown.set()
+        # by the kernel: a thread would not be scheduled while the interpreter hangs
+        signal.setitimer(signal.ITIMER_REAL, _SHUTDOWN_S)
 
 
-def _spin(node: CellNode, executor: SingleThreadedExecutor, ending: threading.Event) -> int:
+def _spin(node: CellNode, executor: SingleThreadedExecutor, shutdown: threading.Event) -> int:
     failures = 0
-    # the heartbeat wakes this loop often enough to see the signal
-    while not ending.is_set() and rclpy.ok():
+    # the heartbeat timer returns from spin_once often enough to see the signal
+    while not shutdown.is_set() and rclpy.ok():
         try:
             executor.spin_once(timeout_sec=0.5)
             failures = 0
         except (ExternalShutdownException, ShutdownException):
             break
         except Exception as error:  # one callback must not end a node
-            node.trouble('executor', error)
+            node.fault('executor', error)
             failures += 1
-            if failures > _HOPELESS:
+            if failures > _MAX_SPIN_FAILURES:
                 return 1
     return 0
 
 
-def _end(node: CellNode, executor: SingleThreadedExecutor) -> None:
-    _quietly(node, node.stop)
-    # one that is still open when the interpreter goes raises out of its destructor
-    _quietly(node, lambda: executor.shutdown(timeout_sec=0.0))
-    _quietly(node, node.destroy_node)
+def _shut_down(node: CellNode, executor: SingleThreadedExecutor) -> None:
+    _call_safely(node, node.stop)
+    # an executor that is still open at interpreter exit raises in its destructor
+    _call_safely(node, lambda: executor.shutdown(timeout_sec=0.0))
+    _call_safely(node, node.destroy_node)
     rclpy.try_shutdown()
 
 
-def _quietly(node: CellNode, function: Callable[[], Any]) -> None:
+def _call_safely(node: CellNode, function: Callable[[], Any]) -> None:
     try:
         function()
-    except Exception as error:  # the end is near, and all of it is wanted
-        node.get_logger().error(f'at the end: {describe(error)}')
+    except Exception as error:  # the remaining steps have to follow
+        node.get_logger().error(f'shutdown: {describe(error)}')

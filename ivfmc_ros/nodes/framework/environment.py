@@ -1,10 +1,10 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a process of the graph needs in its environment. No ROS.
+Environment variables of a process that runs a node. No ROS.
 
-The wheels of ROS look for message types in AMENT_PREFIX_PATH, as a sourced workspace does, and
-Fast DDS has shared memory for pictures only when told so.
+ROS wheels look up message types by AMENT_PREFIX_PATH, which a sourced workspace sets, and Fast DDS
+needs a profile file for shared-memory segments that hold images.
 """
 
 from collections.abc import Mapping
@@ -20,9 +20,9 @@ _PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 
 def config_file(name: str) -> Path:
     """
-    Return a file of ``config/``, in a checkout or where the package is installed.
+    Return the path of a file of ``config/``, in a checkout or in an installed package.
 
-    :raises FileError: there is none of this name
+    :raises FileError: there is no such file
     """
     prefixes = [sys.prefix, *os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)]
     folders = [
@@ -32,26 +32,26 @@ def config_file(name: str) -> Path:
     for folder in folders:
         if (folder / name).is_file():
             return folder / name
-    raise FileError(f'config/{name}: is not there; looked in {", ".join(map(str, folders))}')
+    raise FileError(f'config/{name}: not found in {", ".join(map(str, folders))}')
 
 
 def missing(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return what a process that runs a node lacks in its environment; what is set stays."""
-    wanted: dict[str, str] = {}
+    """Return the variables that ``environment`` lacks; variables that are set are kept."""
+    found: dict[str, str] = {}
     prefix = Path(sys.prefix)
     if not environment.get('AMENT_PREFIX_PATH') and (prefix / 'share' / 'ament_index').is_dir():
-        wanted['AMENT_PREFIX_PATH'] = str(prefix)
+        found['AMENT_PREFIX_PATH'] = str(prefix)
     if not any(environment.get(name) for name in _PROFILES):
-        wanted[_PROFILES[0]] = str(config_file('fastdds.xml'))
-    return wanted
+        found[_PROFILES[0]] = str(config_file('fastdds.xml'))
+    return found
 
 
 def child_environment(**extra: str) -> dict[str, str]:
-    """Return the environment for a child process that runs a node, with ``extra`` added."""
+    """Return the environment of a child process that runs a node, with ``extra`` added."""
     environment = {**os.environ, **extra}
     return {**environment, **missing(environment)}
 
 
 def prepare() -> None:
-    """Complete the environment of this process; before rclpy.init."""
+    """Add the missing variables to this process; to be called before rclpy.init."""
     os.environ.update(missing(os.environ))

@@ -1,6 +1,10 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Coroutines of a node that wait for something to become true, without holding anything up."""
+"""
+Awaiting conditions and services of other nodes in the coroutines of a node.
+
+Nothing here blocks the executor: ``Client.call()`` or a nested spin in a callback would deadlock.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +15,6 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.parameter import Parameter
-from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
@@ -19,7 +22,10 @@ from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import TimeoutExceededError
 from ivfmc_ros.nodes.framework.base import CellNode
 
-LOOK_S = 0.02
+# Seconds between two checks of the conditions.
+POLL_S = 0.02
+# Seconds to wait for a service of another node to be discovered.
+_DISCOVERY_S = 5.0
 
 Condition = Callable[[], bool]
 
@@ -28,22 +34,18 @@ Condition = Callable[[], bool]
 class _Wait:
     condition: Condition
     deadline: float
-    what: str
+    timeout_text: str
     guard: Callable[[], None] | None
     future: Future
 
 
-class Waiting:
-    """
-    What a node's coroutines wait for; a steady timer looks at all of it.
-
-    guard : is called at every look and ends the wait by raising
-    """
+class Waiter:
+    """Lets coroutines of a node await conditions, which a steady timer polls."""
 
     def __init__(self, node: CellNode) -> None:
         self._node = node
         self._waits: list[_Wait] = []
-        node.steady_timer(LOOK_S, self._look)
+        node.steady_timer(POLL_S, self._poll)
 
     async def until(
         self,
@@ -55,32 +57,28 @@ class Waiting:
         """
         Return when ``condition()`` is true.
 
-        what : in the error, as 'the table to arrive'
-        :raises TimeoutExceededError: it was not within ``seconds``
+        what : named in the error, such as 'the table to arrive'
+        guard : called at every poll; an exception that it raises ends the wait
+        :raises TimeoutExceededError: the condition was not true within ``seconds``
         """
         wait = _Wait(
             condition=condition,
             deadline=self._node.steady_s() + seconds,
-            what=f'waited {seconds:.1f} s in vain for {what}',
+            timeout_text=f'timed out after {seconds:.1f} s while waiting for {what}',
             guard=guard,
             future=Future(executor=self._node.executor),
         )
         self._waits.append(wait)
         await wait.future
 
-    async def pause(self, seconds: float) -> None:
-        """Return after so many seconds."""
-        end = self._node.steady_s() + seconds
-        await self.until(lambda: self._node.steady_s() >= end, seconds + 1.0, 'nothing')
-
-    def _look(self) -> None:
+    def _poll(self) -> None:
         for wait in list(self._waits):
             try:
                 if wait.guard is not None:
                     wait.guard()
                 ready = wait.condition()
                 if not ready and self._node.steady_s() > wait.deadline:
-                    raise TimeoutExceededError(wait.what)
+                    raise TimeoutExceededError(wait.timeout_text)
             except Exception as error:  # raised where it is awaited
                 self._waits.remove(wait)
                 wait.future.set_exception(error)
@@ -90,29 +88,33 @@ class Waiting:
                     wait.future.set_result(None)
 
 
-class Helpers:
-    """The services of the other nodes of a cell."""
+class ServiceClients:
+    """Clients of the services of the other nodes of a cell, created at the first use."""
 
-    def __init__(self, node: CellNode, waiting: Waiting) -> None:
+    def __init__(self, node: CellNode, waiter: Waiter) -> None:
         self._node = node
-        self.waiting = waiting
+        self.waiter = waiter
         self._group = ReentrantCallbackGroup()
         self._clients: dict[str, Any] = {}
 
     def has(self, path: str, kind: type = Trigger) -> bool:
-        """Tell whether a service is there, such as 'turntable/home'; the first call says no."""
+        """
+        Return whether a service such as 'turntable/home' is available.
+
+        False at the first call, which creates the client: discovery takes a moment.
+        """
         return bool(self._client(path, kind).service_is_ready())
 
     async def trigger(
         self, path: str, seconds: float, guard: Callable[[], None] | None = None
     ) -> dict[str, Any]:
         """
-        Call a std_srvs/Trigger of another node and return what it answers.
+        Call a std_srvs/Trigger service of another node and return the JSON of its response.
 
-        :raises HelperError: it refused, with its own code; or it is not there, or silent
+        :raises HelperError: it failed, with its own code; or it is not available, or times out
         """
         response = await self.call(path, Trigger, Trigger.Request(), seconds, guard)
-        answer = _parsed(response.message)
+        answer = _parse_json(response.message)
         if not response.success:
             code = str(answer.get('code', 'HELPER'))
             detail = answer.get('detail') or response.message or 'no reason given'
@@ -123,7 +125,7 @@ class Helpers:
         """
         Set parameters of another node.
 
-        :raises HelperError: it refused one of them, is not there, or is silent
+        :raises HelperError: it rejected one of them, is not available, or times out
         """
         request = SetParameters.Request(
             parameters=[parameter_message(name, value) for name, value in values.items()]
@@ -142,22 +144,27 @@ class Helpers:
         guard: Callable[[], None] | None = None,
     ) -> Any:
         """
-        Call any service and return its response.
+        Call a service of any type and return its response.
 
-        :raises HelperError: it is not there, or does not answer within ``seconds``
+        seconds : time-out of the response
+        guard : see ``Waiter.until``
+        :raises HelperError: it is not available, or does not respond in time; the code is that
+            of a lost node, such as MESHER_LOST
         """
         client = self._client(path, kind)
-        who = path.split('/', maxsplit=1)[0]
+        node = path.split('/', maxsplit=1)[0]
         try:
-            await self.waiting.until(client.service_is_ready, 5.0, f'service {path}', guard)
+            await self.waiter.until(
+                client.service_is_ready, _DISCOVERY_S, f'service {path}', guard
+            )
             future = client.call_async(request)
             try:
-                await self.waiting.until(future.done, seconds, f'an answer of {path}', guard)
+                await self.waiter.until(future.done, seconds, f'the response of {path}', guard)
             finally:
-                # an answer that nobody waits for any more is not kept for ever
+                # otherwise the client keeps a response that comes late
                 client.remove_pending_request(future)
         except TimeoutExceededError as error:
-            raise HelperError(f'{who.upper()}_LOST', str(error)) from error
+            raise HelperError(f'{node.upper()}_LOST', str(error)) from error
         return future.result()
 
     def _client(self, path: str, kind: type) -> Any:
@@ -166,17 +173,7 @@ class Helpers:
         return self._clients[path]
 
 
-def plain_parameters(names: list[str], values: list[Any]) -> dict[str, Any]:
-    """Return rcl_interfaces values as plain ones by name; those that are not set are left out."""
-    plain = {}
-    for name, value in zip(names, values, strict=True):
-        python = parameter_value_to_python(value)
-        if python is not None:
-            plain[name] = list(python) if hasattr(python, 'tolist') else python
-    return plain
-
-
-def _parsed(text: str) -> dict[str, Any]:
+def _parse_json(text: str) -> dict[str, Any]:
     try:
         answer = json.loads(text)
     except ValueError:
@@ -185,8 +182,8 @@ def _parsed(text: str) -> dict[str, Any]:
 
 
 def parameter_message(name: str, value: Any) -> ParameterMessage:
-    """Return a parameter as a message; an empty list is one of names."""
+    """Return a parameter as rcl_interfaces/Parameter; an empty list becomes a string array."""
     if isinstance(value, list | tuple) and not value:
-        # an empty list has no type of its own
+        # the type of its elements cannot be inferred
         return Parameter(name, Parameter.Type.STRING_ARRAY, []).to_parameter_msg()
     return Parameter(name, value=value).to_parameter_msg()

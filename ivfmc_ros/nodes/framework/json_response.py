@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What services answer: one JSON object, with a code of ``errors`` when something went wrong."""
+"""Responses of services as one JSON object: a result, or the code and detail of an error."""
 
 from collections.abc import Mapping
 import json
@@ -12,26 +12,26 @@ from ivfmc_ros.errors import ScanError
 Answer = Mapping[str, Any]
 
 
-def ok(answer: Answer | None) -> str:
-    """Return the JSON text of a good answer."""
-    return text({'code': 'OK', **(answer or {})})
+def success_response(answer: Answer | None) -> str:
+    """Return the JSON of a successful response: ``code`` OK and the given values."""
+    return to_json({'code': 'OK', **(answer or {})})
 
 
-def refusal(error: BaseException) -> str:
-    """Return the JSON text of an answer that says what went wrong."""
+def error_response(error: BaseException) -> str:
+    """Return the JSON of a failed response: error code, detail, and the error's ``values``."""
     code = error.code if isinstance(error, ScanError) else 'INTERNAL'
     detail = str(error) if isinstance(error, ScanError) else describe(error)
     more = getattr(error, 'values', {})
-    return text({'code': code, 'detail': detail, **more})
+    return to_json({'code': code, 'detail': detail, **more})
 
 
-def text(answer: Answer) -> str:
-    """Return JSON as everybody reads it: a number that is not finite becomes null."""
+def to_json(answer: Answer) -> str:
+    """Return strict JSON (RFC 8259): numbers that are not finite become null."""
     return json.dumps(_plain(answer), allow_nan=False)
 
 
 def describe(error: BaseException) -> str:
-    """Return one line about an exception; where it was raised unless it is a ScanError."""
+    """Return an exception as one line; file and line number unless it is a ScanError."""
     if isinstance(error, ScanError):
         return str(error)
     trace = error.__traceback__
@@ -44,7 +44,7 @@ def describe(error: BaseException) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Turn what json does not know (NumPy's numbers and arrays, paths) into what it does."""
+    """Convert NumPy numbers and arrays, tuples and paths to types that json can serialize."""
     if hasattr(value, 'tolist'):
         return _plain(value.tolist())
     if isinstance(value, Mapping):

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The base of nodes that hold a device: a lifecycle that no wrong transition can kill."""
+"""Base class of nodes with a device: a managed lifecycle that survives errors in transitions."""
 
 from collections.abc import Callable
 from collections.abc import Mapping
@@ -15,8 +15,8 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.nodes.framework.base import CellNode
-from ivfmc_ros.nodes.framework.health import Level
 
+# Seconds between two attempts to configure and activate.
 RETRY_S = 1.0
 
 _RCLError = rclpy_implementation.RCLError
@@ -33,107 +33,108 @@ _TRANSITIONS = (
 
 class LifecycleCellNode(LifecycleNodeMixin, CellNode):
     """
-    A CellNode with a lifecycle.
+    A CellNode with the lifecycle of ROS 2 managed nodes.
 
-    A subclass overrides ``on_configure(state)`` and its kin. Returning nothing is success; a
-    ScanError is failure (the state stays), anything else an error (back to unconfigured). What
-    was raised is the diagnostic 'lifecycle'. With ``autostart`` the node configures and activates
-    itself, and tries again while that fails, until somebody else takes its lifecycle in hand.
+    A subclass overrides ``on_configure(state)`` and the other transition callbacks. Returning
+    None is success; a ScanError is failure (the state is kept), another exception an error (back
+    to unconfigured). The exception is the fault 'lifecycle' in the diagnostics. With
+    ``autostart`` the node configures and activates itself, repeatedly until it succeeds, or until
+    a client calls change_state.
     """
 
     def __init__(self, name: str) -> None:
         CellNode.__init__(self, name)
         for transition in _TRANSITIONS:
-            setattr(self, transition, self._reported(transition, getattr(self, transition)))
+            setattr(
+                self, transition, self._guarded_transition(transition, getattr(self, transition))
+            )
         LifecycleNodeMixin.__init__(self)
         self._change_state = self._service_change_state.callback
         self._service_change_state.callback = self._guarded_change
-        self._own_hands = self.parameter(
-            'autostart', True, 'Configure and activate without being told.', read_only=True
+        self._autostart = self.parameter(
+            'autostart', True, 'Configure and activate at the start.', read_only=True
         )
-        self._bring_up = self.steady_timer(RETRY_S, self._step_up)
-        # the first step comes with the first spin, not a period later
-        self._first_step = self.steady_timer(0.001, self._step_up_once)
+        self._autostart_timer = self.steady_timer(RETRY_S, self._bring_up)
+        # the first attempt in the first spin, not a period later
+        self._first_attempt = self.steady_timer(0.001, self._bring_up_first)
 
     @property
     def state(self) -> str:
-        """Label of the present state, such as 'active'."""
+        """Label of the current lifecycle state, such as 'active'."""
         return str(self._state_machine.current_state[1])
 
-    def let_go(self) -> None:
-        """Leave the device in order; a subclass says how, and may be asked again."""
+    def release_device(self) -> None:
+        """Bring the device to a safe state and close it; idempotent; a subclass overrides it."""
 
     def on_deactivate(self, state: LifecycleState) -> Any:
-        """Let the device go."""
-        self.let_go()
+        """Release the device."""
+        self.release_device()
         return super().on_deactivate(state)
 
     def on_shutdown(self, state: LifecycleState) -> Any:
-        """Let the device go."""
-        self.let_go()
+        """Release the device."""
+        self.release_device()
 
     def on_error(self, state: LifecycleState) -> Any:
-        """Let the device go."""
-        self.let_go()
+        """Release the device."""
+        self.release_device()
 
     def fix_while_active(self, *names: str) -> None:
-        """Refuse to change parameters that are only looked at when the node is activated."""
+        """Reject changes of parameters that take effect at activation while the node is active."""
 
-        def refuse(values: Mapping[str, Any]) -> None:
+        def reject(values: Mapping[str, Any]) -> None:
             changed = [name for name in names if values[name] != self.get(name)]
             if changed and self.state == 'active':
                 raise ParameterError(
-                    f'{changed[0]}: counts when the node is activated; deactivate it first'
+                    f'{changed[0]}: takes effect at activation; deactivate the node first'
                 )
 
-        self.check(refuse)
+        self.check(reject)
 
     def stop(self) -> None:
-        """Shut the lifecycle down; the device is left in order also where none was."""
-        self.let_go()
-        self._own_hands = False
+        """Release the device and shut the lifecycle down, in every state."""
+        self.release_device()
+        self._autostart = False
         if self.state in ('active', 'inactive', 'unconfigured'):
             self.trigger_shutdown()
         super().stop()
 
-    def _step_up_once(self) -> None:
-        self._first_step.cancel()
-        self._step_up()
+    def _bring_up_first(self) -> None:
+        self._first_attempt.cancel()
+        self._bring_up()
 
-    def _step_up(self) -> None:
-        if self._own_hands and self.state == 'unconfigured':
+    def _bring_up(self) -> None:
+        if self._autostart and self.state == 'unconfigured':
             self.trigger_configure()
-        if self._own_hands and self.state == 'inactive':
+        if self._autostart and self.state == 'inactive':
             self.trigger_activate()
-        if not self._own_hands or self.state == 'active':
-            self._bring_up.cancel()
+        if not self._autostart or self.state == 'active':
+            self._autostart_timer.cancel()
 
-    def _reported(self, name: str, function: _Transition) -> _Transition:
-        def reported(state: LifecycleState) -> TransitionCallbackReturn:
+    def _guarded_transition(self, name: str, function: _Transition) -> _Transition:
+        def transition(state: LifecycleState) -> TransitionCallbackReturn:
             try:
                 result = function(state)
-            except Exception as error:  # rclpy would swallow it
-                self.trouble('lifecycle', error)
+            except Exception as error:  # rclpy would discard it
+                self.fault('lifecycle', error)
                 known = isinstance(error, ScanError)
-                kinds = TransitionCallbackReturn
-                return kinds.FAILURE if known else kinds.ERROR
+                results = TransitionCallbackReturn
+                return results.FAILURE if known else results.ERROR
             if name != 'on_error':
-                self.health.clear('lifecycle')
+                self.health.clear_fault('lifecycle')
             return TransitionCallbackReturn.SUCCESS if result is None else result
 
-        return reported
+        return transition
 
     def _guarded_change(self, request: Any, response: Any) -> Any:
-        self._own_hands = False
+        self._autostart = False
         try:
             response = self._change_state(request, response)
         except (_RCLError, InvalidHandle) as error:
-            wanted = request.transition.label or request.transition.id
+            requested = request.transition.label or request.transition.id
             self.get_logger().warning(
-                f'transition {wanted} is not possible in state {self.state}: '
+                f'change_state: transition {requested} is not possible in state {self.state}: '
                 f'{" ".join(str(error).split())}'
             )
             response.success = False
-        if response.success:
-            self.health.set('refused transition', Level.OK, '')
         return response

@@ -1,6 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of a node: typed, described, ranged; refused by name where they make no sense."""
+"""
+Parameters of a node: typed, described, with ranges, and checked together before they are set.
+
+A rejected value names the parameter and the reason. The fields of a settings dataclass become
+parameters with the descriptions of its docstring.
+"""
 
 from collections.abc import Callable
 from collections.abc import Mapping
@@ -45,9 +50,9 @@ class ParameterNode(Node):
     def __init__(self, name: str) -> None:
         super().__init__(name, namespace=NAMESPACE)
         self._choices: dict[str, tuple[Any, ...]] = {}
-        self._endless: set[str] = set()
+        self._unbounded: set[str] = set()
         self._checks: list[Check] = []
-        self.add_on_set_parameters_callback(self._judge)
+        self.add_on_set_parameters_callback(self._validate)
 
     def parameter(  # noqa: PLR0913 - one argument a property
         self,
@@ -65,17 +70,18 @@ class ParameterNode(Node):
         """
         Declare a parameter and return its value.
 
-        low, high : bounds that are allowed themselves; both or none
-        kind : type of the elements, where ``default`` is an empty list; int for a text that may
-            be given as a number
-        constraints : in words, what ``check`` refuses
-        :raises ParameterError: the command line gives it a value that it cannot have
+        low, high : inclusive bounds; both or none
+        choices : the values that are allowed
+        kind : type of the elements where ``default`` is an empty list; int for a string that may
+            be given as an integer
+        constraints : text for the descriptor: what ``check`` rejects
+        :raises ParameterError: the value of the command line or parameter file is invalid
         """
         if choices is not None:
             self._choices[name] = tuple(choices)
             constraints = constraints or f'one of {", ".join(map(str, choices))}'
         if high is not None and math.isinf(high):
-            self._endless.add(name)
+            self._unbounded.add(name)
         descriptor = ParameterDescriptor(
             description=description,
             read_only=read_only,
@@ -95,15 +101,15 @@ class ParameterNode(Node):
         given = self._parameter_overrides.get(name)
         if isinstance(default, list | tuple):
             array = _ARRAYS[kind or type(default[0])]
-            # the type of an empty list cannot be seen: rclpy takes it for bytes
+            # rclpy takes an empty list for a byte array
             self.declare_parameter(name, array, descriptor)
             if not self.get_parameter_or(name, Parameter(name)).value:
-                # an empty list in a file has no type, and still is one
+                # an empty list in a parameter file has no type
                 value = [] if given is not None else list(default)
                 self.set_parameters([Parameter(name, array, value)])
             return
         if given is not None and given.type_ is Parameter.Type.INTEGER:
-            # 2 for 2.0, or for '2': what is meant is plain
+            # accept 2 for 2.0 or '2', which rclpy rejects
             number = float if isinstance(default, float) else str if kind is int else int
             self._parameter_overrides[name] = Parameter(name, value=number(given.value))
         self.declare_parameter(name, default, descriptor)
@@ -116,14 +122,14 @@ class ParameterNode(Node):
 
     def check(self, function: Check) -> None:
         """
-        Let ``function`` see all values (name to value) before any of them is changed.
+        Call ``function`` with all values by name before any of them is changed.
 
-        A ScanError that it raises refuses the change, and its text is the reason.
+        A ScanError that it raises rejects the change; its text becomes the reason.
         """
         self._checks.append(function)
 
     def changed(self, function: Callable[[set[str]], None]) -> None:
-        """Call ``function`` with the names of parameters that have been set."""
+        """Call ``function`` with the names of the parameters after they have been set."""
         self.add_post_set_parameters_callback(
             lambda parameters: function({parameter.name for parameter in parameters})
         )
@@ -136,24 +142,24 @@ class ParameterNode(Node):
         only: tuple[str, ...] = ('',),
     ) -> Callable[[], Settings]:
         """
-        Declare every field of a frozen dataclass, nested ones with dots in their names.
+        Declare every field of a frozen dataclass, nested ones with dotted names.
 
-        Descriptions are those of its docstring ('name : text'). A number that may be None is
-        0.0 for None.
+        Descriptions come from its docstring ('name : text'). For a field that may be None, the
+        parameter value 0.0 means None.
 
-        prefix : before every name
-        ranges : name -> (low, high); what its ``__post_init__`` refuses is refused anyway
-        only : beginnings of the names that are declared; other fields stay as they are
-        returns : a function that builds the dataclass from the parameters as they are
-        :raises ParameterError: the command line gives values that do not go together
+        prefix : prepended to every name
+        ranges : name -> (low, high), for the descriptors; ``__post_init__`` is checked in any case
+        only : prefixes of the names that are declared; other fields keep their default
+        returns : a function that builds the dataclass from the current parameter values
+        :raises ParameterError: values of the command line are rejected by ``__post_init__``
         """
         found = _leaves(defaults, prefix)
         leaves = {name: leaf for name, leaf in found.items() if name.startswith(only)}
         for name, (default, description) in leaves.items():
             low, high = (ranges or {}).get(name, (None, None))
             value = 0.0 if default is None else default
-            words = 'checked together with its group when it is set'
-            self.parameter(name, value, description, low=low, high=high, constraints=words)
+            constraints = 'checked together with the other fields of its group'
+            self.parameter(name, value, description, low=low, high=high, constraints=constraints)
 
         def build(values: Mapping[str, Any]) -> Settings:
             return _built(defaults, prefix, values)
@@ -168,21 +174,21 @@ class ParameterNode(Node):
         self.check(check)
         return current
 
-    def unknown(self) -> list[str]:
-        """Name the parameters that were given at the start and are none of this node's."""
+    def unknown_parameters(self) -> list[str]:
+        """Return a line for each parameter given at the start that the node does not declare."""
         known = sorted(self._parameters)
-        said = []
+        lines = []
         for name in sorted(set(self._parameter_overrides) - set(known)):
             if not name.startswith('qos_overrides.'):
-                near = difflib.get_close_matches(name, known, n=1)
-                meant = f'; is {near[0]!r} meant?' if near else ''
-                said.append(f'parameter {name!r} is not one of {self.get_name()}{meant}')
-        return said
+                similar = difflib.get_close_matches(name, known, n=1)
+                hint = f'; did you mean {similar[0]!r}?' if similar else ''
+                lines.append(f'parameter {name!r} is unknown to {self.get_name()}{hint}')
+        return lines
 
-    def _judge(self, parameters: list[Parameter]) -> SetParametersResult:
+    def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
             for parameter in parameters:
-                self._require_possible(parameter.name, parameter.value)
+                self._require_valid(parameter.name, parameter.value)
             if self._checks:
                 values = {name: self.get(name) for name in self._parameters}
                 values.update({p.name: p.value for p in parameters})
@@ -192,21 +198,17 @@ class ParameterNode(Node):
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _require_possible(self, name: str, value: Any) -> None:
+    def _require_valid(self, name: str, value: Any) -> None:
         numbers = value if not isinstance(value, str | bytes | None) else ()
         for number in numbers if hasattr(numbers, '__iter__') else (numbers,):
             finite = not isinstance(number, float) or math.isfinite(number)
-            endless = name in self._endless and number == math.inf
-            if not finite and not endless:
+            unbounded = name in self._unbounded and number == math.inf
+            if not finite and not unbounded:
                 raise ParameterError(f'{name}: {number} is not a finite number')
         allowed = self._choices.get(name)
         if allowed is not None and value not in allowed:
             known = ', '.join(map(str, allowed))
             raise ParameterError(f'{name}: {value!r} is not one of {known}')
-
-
-def void(_: object) -> None:
-    """Do nothing with a result that only had to be possible."""
 
 
 def _set_range(descriptor: ParameterDescriptor, default: Any, low: float, high: float) -> None:
@@ -218,8 +220,8 @@ def _set_range(descriptor: ParameterDescriptor, default: Any, low: float, high: 
 
 
 def _leaves(settings: Any, prefix: str) -> dict[str, tuple[Any, str]]:
-    """Return the default and the description of every field that is no group, by dotted name."""
-    words = _descriptions(type(settings))
+    """Return default and description of every field that is no dataclass, by dotted name."""
+    descriptions = _descriptions(type(settings))
     kinds = get_type_hints(type(settings))
     found: dict[str, tuple[Any, str]] = {}
     for field in fields(settings):
@@ -228,7 +230,7 @@ def _leaves(settings: Any, prefix: str) -> dict[str, tuple[Any, str]]:
         if is_dataclass(value):
             found.update(_leaves(value, f'{name}.'))
         elif isinstance(value, bool | int | float | str) or kinds[field.name] == float | None:
-            text = words.get(field.name, _first_line(type(settings)))
+            text = descriptions.get(field.name, _first_line(type(settings)))
             found[name] = (value, text if value is not None else text.replace('None', '0'))
     return found
 
@@ -252,7 +254,7 @@ def _first_line(kind: type) -> str:
 
 
 def _descriptions(kind: type) -> dict[str, str]:
-    """Read 'name, other : text' lines, with what is indented below them, of a docstring."""
+    """Parse 'name, other : text' lines, with indented continuation lines, of a docstring."""
     found: dict[str, str] = {}
     pattern = r'^ {4}(\w+(?:, \w+)*) : (.*(?:\n {6,}\S.*)*)'
     for names, text in re.findall(pattern, kind.__doc__ or '', re.MULTILINE):

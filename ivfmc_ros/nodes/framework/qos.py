@@ -1,9 +1,9 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How each topic is published: reliable, deep enough for a burst, latched where late comers ask.
+QoS profiles of the topics of a cell: reliable, and transient local where late joiners need it.
 
-What others publish is subscribed with what they offer (see ``adaptive``).
+Topics of foreign publishers are subscribed with the QoS they offer (``adaptive_subscription``).
 """
 
 from rclpy.event_handler import PublisherEventCallbacks
@@ -13,10 +13,13 @@ from rclpy.qos import HistoryPolicy
 from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
 
-# Pictures that may wait while a listener is busy: half a second at 60 a second.
+# Images queued while a subscriber is busy: 0.5 s at 60 images/s.
 IMAGE_DEPTH = 30
+# Profiles queued: more than 1 s at 60 profiles/s.
 PROFILE_DEPTH = 100
+# Views are published in one burst; no scan has more of them.
 VIEW_DEPTH = 64
+# States queued: 1 s of joint_states at 100 Hz.
 STATE_DEPTH = 100
 
 _DEPTHS = {
@@ -26,7 +29,7 @@ _DEPTHS = {
     'profile': PROFILE_DEPTH,
     'view': VIEW_DEPTH,
 }
-# A new listener gets the last message.
+# Transient local: a late-joining subscription receives the last message.
 _LATCHED = (
     'mesh',
     'mesh_shape',
@@ -38,8 +41,8 @@ _LATCHED = (
 )
 _DEPTH = 10
 
-# Each event that somebody listens for costs the executor time in every round, and what they would
-# tell (an offer that does not fit) is asked from the graph.
+# No QoS event handlers: each costs the executor time in every round, and incompatible offers are
+# found in the ROS graph instead (``adaptive_subscription``).
 NO_PUBLISHER_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 NO_SUBSCRIPTION_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 
@@ -55,23 +58,23 @@ def reliable(depth: int) -> QoSProfile:
 
 
 def best_effort(depth: int) -> QoSProfile:
-    """Return a best effort, volatile profile that keeps the last ``depth`` messages."""
+    """Return a best-effort, volatile profile that keeps the last ``depth`` messages."""
     profile = reliable(depth)
     profile.reliability = ReliabilityPolicy.BEST_EFFORT
     return profile
 
 
 def latched(depth: int = 1) -> QoSProfile:
-    """Return a reliable profile whose last message a late listener gets."""
+    """Return a reliable, transient-local profile: late joiners get the last ``depth`` messages."""
     profile = reliable(depth)
     profile.durability = DurabilityPolicy.TRANSIENT_LOCAL
     return profile
 
 
 def of_topic(name: str) -> QoSProfile:
-    """Return the profile that our nodes publish and subscribe a topic with, by its last name."""
+    """Return the profile of a topic of this package, by the last part of its name."""
     last = name.rpartition('/')[2]
     if last == 'laser_states':
-        # changes follow each other closely, and none of them must be lost
+        # several changes within a few milliseconds, none of which may be lost
         return latched(STATE_DEPTH)
     return latched() if last in _LATCHED else reliable(_DEPTHS.get(last, _DEPTH))

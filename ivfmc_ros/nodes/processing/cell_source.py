@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where a node has its cell from: cell.yaml, and the camera's calibration from camera_info."""
+"""The calibrated cell of a node: cell.yaml, and the camera from a file or from camera_info."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,15 +17,15 @@ from ivfmc_ros.errors import NotReadyError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.nodes.framework.adaptive_subscription import AdaptiveSubscription
 from ivfmc_ros.nodes.framework.base import CellNode
-from ivfmc_ros.storage.messages.camera_info import camera_of
+from ivfmc_ros.storage.messages.camera_info import to_camera
 
 
 class CellSource:
     """
-    Keeps the cell of a node up to date.
+    Declares the parameters ``cell`` and ``camera`` of a node and loads the cell from them.
 
-    Parameters: ``cell`` (file), ``camera`` (file; empty for the topic camera_info). What is
-    missing or wrong is the condition 'cell' or 'camera_info' of the node.
+    ``cell`` is a file; ``camera`` is a file, or empty for the topic camera_info. A missing or
+    invalid input is a condition of the object 'cell', 'camera' or 'camera_info' of the node.
     """
 
     def __init__(self, node: CellNode) -> None:
@@ -33,8 +33,8 @@ class CellSource:
         self._draft: CellDraft | None = None
         self._camera: Camera | None = None
         self._cell: Cell | None = None
-        self._seen: Any = None
-        self._read_at: tuple[int, ...] = ()
+        self._last_info: Any = None
+        self._loaded_mtimes_ns: tuple[int, ...] = ()
         node.parameter('cell', '', 'Path of cell.yaml: lasers and turntable.')
         node.parameter(
             'camera',
@@ -45,49 +45,59 @@ class CellSource:
         node.changed(self._change)
         self._load_cell()
         self._load_camera()
-        self._infos = AdaptiveSubscription(node, CameraInfo, 'camera_info', self._take)
+        self._infos = AdaptiveSubscription(
+            node, CameraInfo, 'camera_info', self._receive_camera_info
+        )
+        node.expect(
+            'camera_info',
+            lambda: self._camera is not None or node.get('camera'),
+            self._missing_camera,
+            f'received on {self._infos.topic}',
+        )
 
     @property
     def draft(self) -> CellDraft | None:
-        """What cell.yaml says, whether or not there is a camera."""
+        """Lasers and turntable of cell.yaml, available without a camera; None: not loaded."""
         return self._draft
 
     @property
     def complete(self) -> bool:
-        """Whether there are a cell.yaml and a camera."""
+        """Whether both cell.yaml and the camera are known."""
         return self._draft is not None and self._camera is not None
 
     def cell(self) -> Cell:
         """
         Return the cell.
 
-        :raises NotReadyError: no cell.yaml is named, or no camera_info has come
-        :raises CellError: cell.yaml or camera_info is wrong, or they do not go together
+        :raises NotReadyError: the parameter cell is empty, or no camera_info was received
+        :raises CellError: cell.yaml or camera_info is invalid, or they do not match
         """
         if self._cell is None:
             path = self._node.get('cell')
-            draft = self._draft or load_draft(_named(path))
+            draft = self._draft or load_draft(_required(path))
             if self._camera is None:
-                topic = self._infos.topic
-                raise NotReadyError(
-                    f'camera_info: none has come on {topic}; start the camera, or name its '
-                    'calibration by camera'
-                )
+                raise NotReadyError(self._missing_camera())
             self._cell = draft.complete(self._camera, path)
         return self._cell
 
     def reload(self) -> None:
-        """Read the files again if they were written in the meantime."""
-        if self._written() != self._read_at:
+        """Load the files again if they have been modified."""
+        if self._mtimes_ns() != self._loaded_mtimes_ns:
             self._load_cell()
             self._load_camera()
 
-    def _written(self) -> tuple[int, ...]:
-        named = [Path(path) for path in (self._node.get('cell'), self._node.get('camera')) if path]
-        return tuple(path.stat().st_mtime_ns if path.exists() else 0 for path in named)
+    def _missing_camera(self) -> str:
+        return (
+            f'waiting for a message on {self._infos.topic}; start the camera, or set the '
+            'parameter camera to a calibration file'
+        )
+
+    def _mtimes_ns(self) -> tuple[int, ...]:
+        files = [Path(path) for path in (self._node.get('cell'), self._node.get('camera')) if path]
+        return tuple(path.stat().st_mtime_ns if path.exists() else 0 for path in files)
 
     def _check(self, values: Mapping[str, Any]) -> None:
-        """Refuse files that cannot be used, before they are."""
+        """Reject files that cannot be loaded."""
         if values['cell'] and values['cell'] != self._node.get('cell'):
             load_draft(Path(values['cell']))
         if values['camera'] and values['camera'] != self._node.get('camera'):
@@ -101,46 +111,46 @@ class CellSource:
 
     def _load_cell(self) -> None:
         self._cell = None
-        self._read_at = self._written()
+        self._loaded_mtimes_ns = self._mtimes_ns()
         try:
-            self._draft = load_draft(_named(self._node.get('cell')))
+            self._draft = load_draft(_required(self._node.get('cell')))
         except ScanError as error:
             self._draft = None
-            self._node.trouble('cell', error)
+            self._node.fault('cell', error)
         else:
-            self._node.health.clear('cell')
+            self._node.health.clear_fault('cell')
 
     def _load_camera(self) -> None:
         path = self._node.get('camera')
-        self._read_at = self._written()
+        self._loaded_mtimes_ns = self._mtimes_ns()
         if not path:
             return
         try:
             self._camera = load_camera(Path(path))
             self._cell = None
         except ScanError as error:
-            self._node.trouble('camera', error)
+            self._node.fault('camera', error)
         else:
-            self._node.health.clear('camera')
+            self._node.health.clear_fault('camera')
 
-    def _take(self, message: CameraInfo) -> None:
+    def _receive_camera_info(self, message: CameraInfo) -> None:
         if self._node.get('camera'):
             return
-        seen = (
+        info = (
             message.width,
             message.height,
             message.distortion_model,
             tuple(message.k),
             tuple(message.d),
         )
-        if seen == self._seen and self._camera is not None:
+        if info == self._last_info and self._camera is not None:
             return
-        self._seen = seen
+        self._last_info = info
         self._cell = self._camera = None
-        self._camera = camera_of(message, self._infos.topic)
+        self._camera = to_camera(message, self._infos.topic)
 
 
-def _named(path: str) -> Path:
+def _required(path: str) -> Path:
     if not path:
-        raise NotReadyError('cell: no file is named; set the parameter cell to a cell.yaml')
+        raise NotReadyError('cell: the parameter is empty; set it to the path of a cell.yaml')
     return Path(path)

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of the triangulator."""
+"""Parameters of the triangulator and the settings that they make."""
 
 from collections.abc import Callable
 from collections.abc import Mapping
@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from ivfmc_ros.nodes.framework.parameters import ParameterNode
-from ivfmc_ros.storage.frame_matching import MatchSettings
-from ivfmc_ros.storage.frame_matching import MOTIONS
+from ivfmc_ros.storage.matching.frame_matching import MatchSettings
+from ivfmc_ros.storage.matching.frame_matching import MOTIONS
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 
 LASER_SOURCES = ('topic', 'always_on')
 
-# What the core refuses is refused in any case; these are shown to who asks for them.
+# Ranges of the parameter descriptors; the settings classes of the core check their values anyway.
 _RANGES = {
     'extract.min_snr': (3.0, 100.0),
     'extract.min_contrast': (1e-4, 0.9999),
@@ -36,88 +36,94 @@ def declare(node: ParameterNode) -> Callable[[], AcquisitionSettings]:
     """
     Declare the parameters of the triangulator.
 
-    returns : a function that gives the acquisition's settings as they are
+    returns : a function that builds the acquisition settings from the current values
     """
-    _declare_choice(node)
-    _declare_times(node)
-    node.check(_refuse)
-    # space-time needs pictures that a live scan has not taken yet
+    _declare_matching(node)
+    _declare_timing(node)
+    node.check(_require_views)
+    # no space_time.*: it needs images that a live scan has not taken yet
     only = ('extract.', 'volume.', 'noise_')
     return node.settings(AcquisitionSettings(), ranges=_RANGES, only=only)
 
 
-def _declare_choice(node: ParameterNode) -> None:
-    node.parameter('scan_id', '', 'Name of the scan; another one begins with profile 0.')
+def _declare_matching(node: ParameterNode) -> None:
+    node.parameter('scan_id', '', 'Id of the scan; a new one restarts the profile numbers at 0.')
     node.parameter(
         'motion',
         MatchSettings().motion,
-        'continuous: every picture with one laser on is a profile. step: only pictures exposed '
-        'while the table stood, and one for each view and angle.',
+        'continuous: every image with exactly one laser on becomes a profile. step: only images '
+        'exposed while the table stood still, one for each view and angle.',
         choices=MOTIONS,
     )
     node.parameter(
         'view',
         [],
-        'View number of each laser in the order of cell.yaml, -1 where it is not measured now, as '
-        'the orchestrator leaves it after a scan; empty: its own index.',
+        'View number of each laser in the order of cell.yaml, -1 for a laser that is not measured '
+        '(set by the orchestrator between scans); empty: the index of the laser.',
         kind=int,
     )
     node.parameter(
         'subtract_dark',
         False,
-        'Subtract the picture taken with all lasers off at the same stand of the table (step).',
+        'Subtract the image taken with all lasers off at the same table angle (step).',
     )
     node.parameter(
         'laser_source',
         'topic',
-        'topic: laser_states tells which laser is on. always_on: the only laser of cell.yaml is.',
+        'topic: laser_states reports which laser is on. always_on: the only laser of the cell is.',
         choices=LASER_SOURCES,
     )
 
 
-def _declare_times(node: ParameterNode) -> None:
+def _declare_timing(node: ParameterNode) -> None:
     default = MatchSettings()
     node.parameter(
         'exposure',
         default.exposure,
-        'Seconds; a picture during which a laser changed is not used.',
+        'Exposure time, seconds; an image during which a laser was switched is not used.',
         low=0.0,
         high=10.0,
     )
     node.parameter(
         'settle',
         default.settle,
-        'Seconds that the table must have stood before an exposure (step).',
+        'Seconds that the table must have stood still before an exposure (step).',
         low=0.0,
         high=60.0,
     )
     node.parameter(
         'stand',
         default.stand,
-        'Radians that a table that stands may seem to move (step).',
+        'Reported motion of a table that stands still, radians (step).',
         low=0.0,
         high=0.1,
     )
     node.parameter(
         'min_step',
         default.min_step,
-        'Radians; less than this from the profile before is the same angle (step).',
+        'Angle differences below this, radians, count as the same table position (step).',
         low=0.0,
         high=3.1,
     )
     node.parameter(
         'patience',
         0.5,
-        'Seconds that a picture waits for joint_states and laser_states past its exposure; then '
-        'it is judged by what is known.',
+        'Seconds that an image waits for joint_states and laser_states past its exposure; then '
+        'it is matched with the states received so far.',
         low=0.05,
         high=60.0,
     )
-    node.parameter('queue', 200, 'Pictures that may wait at most.', low=2, high=10_000)
+    node.parameter(
+        'queue',
+        200,
+        'Maximum number of images that wait for joint_states and laser_states.',
+        low=2,
+        high=10_000,
+    )
 
 
 def match_settings(values: Callable[[str], Any], lasers: Sequence[str]) -> MatchSettings:
-    """Return what makes a picture a profile; ``values`` gives a parameter by its name."""
+    """Return the settings of the matcher; ``values`` returns a parameter by name."""
     return MatchSettings(
         motion=values('motion'),
         exposure=values('exposure'),
@@ -130,6 +136,6 @@ def match_settings(values: Callable[[str], Any], lasers: Sequence[str]) -> Match
     )
 
 
-def _refuse(values: Mapping[str, Any]) -> None:
+def _require_views(values: Mapping[str, Any]) -> None:
     if 'view' in values:
         MatchSettings(views=tuple(values['view'] or ()))

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the orchestrator hears of the cell, and the two topics by which it moves it."""
+"""The orchestrator's subscriptions to the cell, and its commands to table and lasers."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -21,26 +21,31 @@ from ivfmc_ros.errors import HelperError
 from ivfmc_ros.nodes.convert.stamps import nanoseconds
 from ivfmc_ros.nodes.framework.adaptive_subscription import AdaptiveSubscription
 from ivfmc_ros.nodes.framework.base import CellNode
-from ivfmc_ros.scan.watch import Watch
-from ivfmc_ros.storage.messages.profile_head import ProfileHead
-from ivfmc_ros.storage.messages.profile_head import read_head
-from ivfmc_ros.storage.reports import joint_of
+from ivfmc_ros.scan.liveness import LivenessMonitor
+from ivfmc_ros.storage.matching.joint_history import joint_in_message
+from ivfmc_ros.storage.messages.profile_header import ProfileHeader
+from ivfmc_ros.storage.messages.profile_header import read_profile_header
 
-# The driver turns the lasers off after half a second without one.
+# Period of beam_hold, seconds: the driver turns the lasers off after 0.5 s without one.
 HOLD_S = 0.1
 HELPERS = ('camera', 'turntable', 'triangulator', 'registrar', 'mesher', 'recorder')
 JOINTS = 'joint_states'
 
-# A table stands when it said so this often in a row.
-_STILL_REPORTS = 4
-_STILL_VELOCITY = 5e-3  # rad/s
-# So many profiles may come before somebody looks.
+# The table is at standstill when this many joint states in a row say so ...
+_STANDSTILL_REPORTS = 4
+# ... with a velocity below this, rad/s: the noise of differentiated positions.
+_STANDSTILL_VELOCITY = 5e-3
+# Joint states that are kept: 0.5 s at 100 Hz.
+_JOINT_REPORTS = 50
+# Profiles that ``latest_profiles`` returns: more than are received between two polls.
 _LATEST = 50
+# Duration of the move that stops the table where it is, seconds.
+_HALT_S = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Report:
-    """Where the table was, radians and radians per second."""
+class JointReport:
+    """Position (radians, unwrapped) and velocity (rad/s) of the table at a stamp."""
 
     stamp_ns: int
     position: float
@@ -48,131 +53,139 @@ class Report:
 
 
 class CellLink:
-    """Ears and hands of the orchestrator."""
+    """
+    Keeps what the nodes of the cell publish, and publishes joint_trajectory and beam_hold.
+
+    watch : ages of heartbeats and joint states
+    reports : last joint states of the table
+    lasers : whether each laser is on
+    dark_since_ns : stamp since which all lasers are off; None while one is on
+    last_image_ns : stamp of the last image
+    recorded : number of the last profile on disk
+    headers : header of each profile of the scan, by its number
+    """
 
     def __init__(self, node: CellNode, joint: str, limit: float) -> None:
         """
-        Begin to listen.
+        Subscribe.
 
-        joint : of the table, in joint_states
-        limit : seconds of silence after which somebody is lost
+        joint : joint name of the table in joint_states
+        limit : seconds of silence after which a node is lost
         """
-        self.watch = Watch(limit)
+        self.watch = LivenessMonitor(limit)
         self.joint = joint
-        self.reports: deque[Report] = deque(maxlen=50)
+        self.reports: deque[JointReport] = deque(maxlen=_JOINT_REPORTS)
         self.lasers: dict[str, bool] = {}
-        # stamp of the first report since which all lasers are off; None while one is on
         self.dark_since_ns: int | None = None
-        # stamp of the last picture that was taken
-        self.pictured_ns = 0
+        self.last_image_ns = 0
         self.recorded: int | None = None
-        self.heads: dict[int, ProfileHead] = {}
-        # since when profiles wait for the recorder, or when it last wrote one; None: none waits
-        self._behind_since: float | None = None
-        self._counted_twice: int | None = None
+        self.headers: dict[int, ProfileHeader] = {}
+        # since when profiles are not on disk yet, or when one last was; None: all are
+        self._unrecorded_since: float | None = None
+        self._repeated_seq: int | None = None
         self._node = node
         self._beam: str | None = None
         self._closed = False
         self._hold = node.publish_on(Header, 'beam_hold')
         self._trajectory = node.publish_on(JointTrajectory, 'joint_trajectory')
-        self._keep = [
-            AdaptiveSubscription(node, JointState, JOINTS, self._hear_joints),
-            AdaptiveSubscription(node, CameraInfo, 'camera_info', self._hear_camera),
-            node.subscribe(JointState, 'laser_states', self._hear_lasers),
-            node.subscribe(PointCloud2, 'profile', self._hear_profile),
-            node.subscribe(UInt64, 'recorded', self._hear_recorded),
-            node.steady_timer(HOLD_S, self._hold_beam),
+        self._subscriptions = [
+            AdaptiveSubscription(node, JointState, JOINTS, self._receive_joints),
+            AdaptiveSubscription(node, CameraInfo, 'camera_info', self._receive_camera),
+            node.subscribe(JointState, 'laser_states', self._receive_lasers),
+            node.subscribe(PointCloud2, 'profile', self._receive_profile),
+            node.subscribe(UInt64, 'recorded', self._receive_recorded),
+            node.steady_timer(HOLD_S, self._repeat_hold),
         ]
         for name in HELPERS:
-            heard = partial(self._hear_beat, name)
-            self._keep.append(node.subscribe(Header, f'{name}/heartbeat', heard))
+            callback = partial(self._receive_heartbeat, name)
+            self._subscriptions.append(node.subscribe(Header, f'{name}/heartbeat', callback))
 
     @property
     def position(self) -> float | None:
-        """Of the table, radians; None while nothing is known."""
+        """Position of the table, radians; None before the first joint state."""
         return self.reports[-1].position if self.reports else None
 
     @property
     def beam(self) -> str | None:
-        """The laser that is asked for; None when no frames are wanted."""
+        """The laser that is requested; None for none."""
         return self._beam
 
-    def forget(self) -> None:
-        """Begin a new scan: profiles are counted from 0."""
-        self.heads.clear()
-        self.recorded = self._behind_since = self._counted_twice = None
+    def start_scan(self) -> None:
+        """Forget the profiles of the previous scan; their numbers start at 0 again."""
+        self.headers.clear()
+        self.recorded = self._unrecorded_since = self._repeated_seq = None
 
-    def require_one_count(self) -> None:
-        """:raises HelperError: profiles were counted from 0 again."""
-        if self._counted_twice is not None:
+    def require_unique_profiles(self) -> None:
+        """:raises HelperError: two profiles of the scan have the same number."""
+        if self._repeated_seq is not None:
             raise HelperError(
                 'TRIANGULATOR_LOST',
-                f'profile {self._counted_twice} came twice: the triangulator was started again '
-                'during the scan, or there are two',
+                f'profile {self._repeated_seq} was received twice: the triangulator was restarted '
+                'during the scan, or two of them are running',
             )
 
     @property
     def unrecorded_s(self) -> float:
-        """For how long profiles have come and the recorder has written none, seconds."""
-        since = self._behind_since
+        """Seconds since the recorder wrote a profile while others wait; 0: none waits."""
+        since = self._unrecorded_since
         return 0.0 if since is None else self._node.steady_s() - since
 
     def close(self) -> None:
-        """Turn all lasers off and stop the table where it is; say nothing more from then on."""
+        """Turn all lasers off, stop the table, and publish nothing any more."""
         self.hold(None)
         self.halt()
         self._closed = True
 
     def hold(self, laser: str | None) -> None:
-        """Ask for one laser until told otherwise; None turns all off and falls silent."""
+        """Request one laser repeatedly; None turns all off and ends the keep-alive."""
         if self._closed:
             return
         self._beam = laser
-        # at once, and for None the last word: an empty name is no laser
+        # an empty name turns all lasers off at once
         self._hold.publish(self._header(laser or ''))
 
-    def send(self, position: float, seconds: float) -> None:
-        """Command the table to be at a position (radians) in so many seconds, and to stand."""
+    def command(self, position: float, seconds: float) -> None:
+        """Command the table to ``position`` (radians) within ``seconds``, ending at standstill."""
         whole = int(seconds)
         point = JointTrajectoryPoint(
             positions=[position],
             velocities=[0.0],
             time_from_start=Duration(sec=whole, nanosec=int((seconds - whole) * 1e9)),
         )
-        # a stamp of zero is 'now' for a trajectory controller
+        # joint_trajectory_controller: a stamp of zero means now
         self._trajectory.publish(JointTrajectory(joint_names=[self.joint], points=[point]))
 
     def halt(self) -> None:
-        """Command the table to stand where it is: so a trajectory controller is stopped."""
+        """Stop the table: command its present position, as joint_trajectory_controller has it."""
         position = self.position
         if position is not None and not self._closed:
-            self.send(position, 0.2)
+            self.command(position, _HALT_S)
 
     def has_table(self) -> bool:
-        """Tell whether somebody takes commands."""
+        """Return whether joint_trajectory has a subscription."""
         return bool(self._node.count_subscribers(self._trajectory.topic_name))
 
     def stands_at(self, position: float, tolerance: float) -> bool:
-        """Tell whether the table has said often enough that it stands at a position."""
-        last = list(self.reports)[-_STILL_REPORTS:]
-        return len(last) == _STILL_REPORTS and all(
+        """Return whether the last joint states agree on standstill at ``position``, radians."""
+        last = list(self.reports)[-_STANDSTILL_REPORTS:]
+        return len(last) == _STANDSTILL_REPORTS and all(
             abs(report.position - position) <= tolerance
-            and abs(report.velocity) <= _STILL_VELOCITY
+            and abs(report.velocity) <= _STANDSTILL_VELOCITY
             for report in last
         )
 
     @property
-    def stood_ns(self) -> int:
-        """Since when the table has said that it stands, nanoseconds of the reports' stamps."""
-        last = list(self.reports)[-_STILL_REPORTS:]
+    def standstill_ns(self) -> int:
+        """Stamp of the first of the joint states that make up the standstill, nanoseconds."""
+        last = list(self.reports)[-_STANDSTILL_REPORTS:]
         return last[0].stamp_ns if last else 0
 
-    def latest(self) -> list[ProfileHead]:
-        """Return the heads of the last profiles, the newest one first."""
-        return [self.heads[seq] for seq in sorted(self.heads)[: -_LATEST - 1 : -1]]
+    def latest_profiles(self) -> list[ProfileHeader]:
+        """Return the headers of the last profiles, the newest first."""
+        return [self.headers[seq] for seq in sorted(self.headers)[: -_LATEST - 1 : -1]]
 
-    def shines(self, laser: str) -> bool:
-        """Tell whether this laser is on and no other; true where nobody tells of lasers."""
+    def is_on(self, laser: str) -> bool:
+        """Return whether only this laser is on; true where no node publishes laser_states."""
         if self._node.count_publishers('laser_states') == 0:
             return True
         return self.lasers.get(laser, False) and sum(self.lasers.values()) == 1
@@ -182,36 +195,36 @@ class CellLink:
         header.stamp = self._node.get_clock().now().to_msg()
         return header
 
-    def _hold_beam(self) -> None:
+    def _repeat_hold(self) -> None:
         if self._beam is not None:
             self._hold.publish(self._header(self._beam))
 
-    def _hear_beat(self, name: str, _: Header) -> None:
-        self.watch.hear(name)
+    def _receive_heartbeat(self, name: str, _: Header) -> None:
+        self.watch.heartbeat(name)
 
-    def _hear_joints(self, message: JointState) -> None:
-        stated = joint_of(message, self.joint)
-        if stated is None:
+    def _receive_joints(self, message: JointState) -> None:
+        state = joint_in_message(message, self.joint)
+        if state is None:
             return
         stamp_ns = nanoseconds(message.header.stamp)
-        position, velocity = stated
+        position, velocity = state
         if velocity is None:
-            velocity = self._difference(stamp_ns, position)
-        self.watch.hear(JOINTS)
-        self.reports.append(Report(stamp_ns=stamp_ns, position=position, velocity=velocity))
+            velocity = self._finite_difference(stamp_ns, position)
+        self.watch.heartbeat(JOINTS)
+        self.reports.append(JointReport(stamp_ns=stamp_ns, position=position, velocity=velocity))
 
-    def _difference(self, stamp_ns: int, position: float) -> float:
-        """Return the velocity of a table that does not report it, rad/s."""
+    def _finite_difference(self, stamp_ns: int, position: float) -> float:
+        """Return the velocity by the previous joint state, rad/s."""
         if not self.reports:
             return math.inf
         last = self.reports[-1]
         seconds = (stamp_ns - last.stamp_ns) * 1e-9
         return (position - last.position) / seconds if seconds > 0.0 else last.velocity
 
-    def _hear_camera(self, message: CameraInfo) -> None:
-        self.pictured_ns = nanoseconds(message.header.stamp)
+    def _receive_camera(self, message: CameraInfo) -> None:
+        self.last_image_ns = nanoseconds(message.header.stamp)
 
-    def _hear_lasers(self, message: JointState) -> None:
+    def _receive_lasers(self, message: JointState) -> None:
         self.lasers = {
             name: value > 0.5 for name, value in zip(message.name, message.position, strict=False)
         }
@@ -220,16 +233,16 @@ class CellLink:
         elif self.dark_since_ns is None:
             self.dark_since_ns = nanoseconds(message.header.stamp)
 
-    def _hear_profile(self, message: Any) -> None:
-        head = read_head(message)
-        known = self.heads.setdefault(head.seq, head)
-        if known.stamp_ns != head.stamp_ns:
-            self._counted_twice = head.seq
-        recorded = self.recorded is not None and self.recorded >= head.seq
-        if self._behind_since is None and not recorded:
-            self._behind_since = self._node.steady_s()
+    def _receive_profile(self, message: Any) -> None:
+        header = read_profile_header(message)
+        known = self.headers.setdefault(header.seq, header)
+        if known.stamp_ns != header.stamp_ns:
+            self._repeated_seq = header.seq
+        recorded = self.recorded is not None and self.recorded >= header.seq
+        if self._unrecorded_since is None and not recorded:
+            self._unrecorded_since = self._node.steady_s()
 
-    def _hear_recorded(self, message: UInt64) -> None:
+    def _receive_recorded(self, message: UInt64) -> None:
         self.recorded = int(message.data)
-        waiting = self.recorded < max(self.heads, default=0)
-        self._behind_since = self._node.steady_s() if waiting else None
+        waiting = self.recorded < max(self.headers, default=0)
+        self._unrecorded_since = self._node.steady_s() if waiting else None

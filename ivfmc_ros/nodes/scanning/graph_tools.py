@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The tools of a scan, by the topics and services of the graph."""
+"""The steps of a scan (``scan.job.Tools``) by the topics and services of the other nodes."""
 
 from collections.abc import Callable
 from collections.abc import Mapping
@@ -18,50 +18,62 @@ from ivfmc_ros.errors import TimeoutExceededError
 from ivfmc_ros.nodes.framework.adaptive_subscription import AdaptiveSubscription
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.futures import Condition
-from ivfmc_ros.nodes.framework.futures import Helpers
+from ivfmc_ros.nodes.framework.futures import ServiceClients
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
 from ivfmc_ros.nodes.scanning.cell_link import JOINTS
 from ivfmc_ros.scan.job import Outcome
-from ivfmc_ros.scan.machine import Machine
-from ivfmc_ros.scan.plan import Motion
+from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.plan import NOT_MEASURED
 from ivfmc_ros.scan.plan import Plan
 from ivfmc_ros.scan.plan import Sweep
 from ivfmc_ros.scan.report import finish_scan
 from ivfmc_ros.scan.request import ScanRequest
+from ivfmc_ros.scan.state_machine import StateMachine
 
-# They have no hardware of their own and belong to every scan.
+# Nodes that every scan needs.
 NEEDED = ('triangulator', 'registrar', 'mesher', 'recorder')
-# Others may stand in for these, without a heartbeat; ours are watched when they are there.
+# Nodes that foreign drivers without a heartbeat may replace; watched only where they run.
 OPTIONAL = ('camera', 'turntable')
 
 _NOT_RECORDED = 'NOT_RECORDED'
 
-_FOREVER = 24 * 3600.0
-_MESHING = 3600.0
-_SLACK = 15.0
-_COMING_UP = 15.0
+# Time-outs, seconds.
+_PAUSE_S = 24 * 3600.0
+# registration or meshing: minutes for millions of points
+_PROCESSING_S = 3600.0
+# a short service call or the first message of a topic, on a busy machine; also added to a move
+_RESPONSE_S = 15.0
+_HOMING_S = 120.0
+_LASER_S = 10.0
+_FLUSH_S = 60.0
+_STOP_RECORDER_S = 120.0
+_ABORT_S = 5.0
+# a cell whose nodes are starting
+_STARTUP_S = 15.0
+# Time after standstill until a dark frame is accepted, ns: above ``settle`` of the triangulator.
 _SETTLE_NS = 200_000_000
-# so many profiles tell how fast they come
-_RATED = 6
+# Profiles from which the profile rate is measured.
+_RATE_PROFILES = 6
+# Fraction of the planned profile rate below which the operator is warned.
+_LOW_RATE = 0.9
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScanContext:
     """
-    What is fixed while a scan runs.
+    The constants of a running scan.
 
     cell : path of cell.yaml
-    tolerance : radians, of the table's positions
-    patience : seconds, for one profile
-    home : look for the table's home switch first
+    tolerance : of table positions, radians
+    patience : time-out of one profile, seconds
+    home : home the table first
     """
 
     scan_id: str
     folder: Path
     request: ScanRequest
     plan: Plan
-    motion: Motion
+    motion: MotionLimits
     cell: Path
     tolerance: float
     patience: float
@@ -69,39 +81,47 @@ class ScanContext:
 
 
 class GraphTools:
-    """Does what a scan needs done; every wait ends when somebody is lost or it is cancelled."""
+    """
+    Implements ``scan.job.Tools``.
+
+    Every wait ends with an error when a node is lost or the scan is cancelled.
+
+    camera_info : first message of the scan
+    bag : response of the recorder
+    picture_error : why the image of the mesh could not be rendered, '' if it could
+    """
 
     def __init__(
         self,
         node: CellNode,
         link: CellLink,
-        helpers: Helpers,
+        services: ServiceClients,
         context: ScanContext,
-        machine: Machine,
+        machine: StateMachine,
     ) -> None:
         self.context = context
         self.camera_info: Any = None
         self._node = node
         self._link = link
         self._machine = machine
-        self._helpers = helpers
-        # who is asked for the first time is not known yet
+        self._services = services
+        # discovery starts with the first call
         for path in ('turntable/stop', 'registrar/cancel', 'mesher/cancel'):
-            helpers.has(path)
+            services.has(path)
         self._working = ''
         self._watched: list[str] = []
         self._recording = False
-        self._stood_ns = 0
+        self._standstill_ns = 0
         self.bag: Mapping[str, Any] = {}
         self.picture_error = ''
 
     async def prepare(self) -> None:
-        """Tell everybody which scan it is, and begin to record."""
+        """Send the id and the settings of the scan to the nodes, and start the recorder."""
         context = self.context
-        self._link.forget()
-        await self._require_cell()
+        self._link.start_scan()
+        await self._wait_for_cell()
         lasers = len(context.plan.sweeps[0].views)
-        await self._helpers.set(
+        await self._services.set(
             'triangulator',
             {
                 'view': [NOT_MEASURED] * lasers,
@@ -110,231 +130,239 @@ class GraphTools:
                 'scan_id': context.scan_id,
             },
         )
-        await self._helpers.set('registrar', {'scan_id': context.scan_id})
-        await self._helpers.trigger('registrar/reset', _SLACK, self._guard)
-        place = {'scan_folder': str(context.folder), 'scan_id': context.scan_id}
+        await self._services.set('registrar', {'scan_id': context.scan_id})
+        await self._services.trigger('registrar/reset', _RESPONSE_S, self._guard)
+        scan = {'scan_folder': str(context.folder), 'scan_id': context.scan_id}
         files = {'formats': context.request.formats, 'export_unit': context.request.export_unit}
-        await self._helpers.set('mesher', {**place, **files})
-        await self._helpers.set('recorder', {**place, 'pictures': True})
-        # what was under way of the scan before
-        self._link.forget()
+        await self._services.set('mesher', {**scan, **files})
+        await self._services.set('recorder', {**scan, 'pictures': True})
+        # messages of the previous scan that were still in the queues
+        self._link.start_scan()
         await self._start_recording()
-        self.camera_info = await self._first(CameraInfo, 'camera_info', 'CAMERA_LOST')
+        self.camera_info = await self._first_message(CameraInfo, 'camera_info', 'CAMERA_LOST')
         if context.home:
-            await self._helpers.trigger('turntable/home', 120.0, self._guard)
+            await self._services.trigger('turntable/home', _HOMING_S, self._guard)
 
     async def _start_recording(self) -> None:
-        # one that answers too late records all the same, and has to be stopped
+        # before the call: after a time-out the recorder may record all the same
         self._recording = True
         try:
-            await self._helpers.trigger('recorder/start', _SLACK, self._guard)
+            await self._services.trigger('recorder/start', _RESPONSE_S, self._guard)
         except HelperError as error:
             if error.code != BusyError.code:
                 raise
-            # of a scan whose orchestrator was lost; nobody else will end it
-            self._node.get_logger().warning(f'{error}; that is ended now')
+            # a recording of an orchestrator that died
+            self._node.get_logger().warning(f'{error}; stopping that recording')
             await self._stop_recording()
             self._recording = True
-            await self._helpers.trigger('recorder/start', _SLACK, self._guard)
+            await self._services.trigger('recorder/start', _RESPONSE_S, self._guard)
 
-    async def _require_cell(self) -> None:
-        """Wait for a cell that is just coming up, and say who is missing of one that does not."""
+    async def _wait_for_cell(self) -> None:
+        """
+        Wait for a cell that is starting.
+
+        :raises HelperError: a node or the table is missing; the code names it
+        """
         watch = self._link.watch
         needed = [*NEEDED, JOINTS]
         try:
-            await self._helpers.waiting.until(
-                lambda: not watch.silent(needed) and self._link.has_table(),
-                _COMING_UP,
-                'the cell',
-                self._machine.check,
+            await self._services.waiter.until(
+                lambda: not watch.lost(needed) and self._link.has_table(),
+                _STARTUP_S,
+                'the nodes of the cell',
+                self._machine.raise_if_cancelled,
             )
         except TimeoutExceededError:
-            watch.require(NEEDED)
+            watch.require_alive(NEEDED)
             if not self._link.has_table():
-                raise HelperError('TURNTABLE_LOST', 'nobody takes joint_trajectory') from None
-            watch.require([JOINTS])
-        self._watched = needed + [name for name in OPTIONAL if not watch.silent([name])]
+                raise HelperError(
+                    'TURNTABLE_LOST', 'joint_trajectory has no subscription'
+                ) from None
+            watch.require_alive([JOINTS])
+        self._watched = needed + [name for name in OPTIONAL if not watch.lost([name])]
 
-    async def select(self, sweep: Sweep) -> None:
-        """Let profiles belong to the views of this sweep from now on."""
-        await self._helpers.set('triangulator', {'view': list(sweep.views)})
+    async def select_views(self, sweep: Sweep) -> None:
+        """Set the view numbers of this sweep for the profiles that follow."""
+        await self._services.set('triangulator', {'view': list(sweep.views)})
 
     async def move(self, position: float, velocity: float) -> None:
-        """Turn the table to a position (radians) at so many rad/s; return when it stands."""
+        """Turn the table to ``position`` (rad) at ``velocity`` (rad/s); return at standstill."""
         tolerance = self.context.tolerance
         if self._link.stands_at(position, 0.1 * tolerance):
             return
         here = self._link.position
         seconds = self.context.motion.seconds(position - (here or 0.0), velocity)
-        self._link.send(position, seconds)
+        self._link.command(position, seconds)
         await self._until(
             lambda: self._link.stands_at(position, tolerance),
-            1.5 * seconds + _SLACK,
-            f'the table to stand at {math.degrees(position):.2f} degrees',
+            1.5 * seconds + _RESPONSE_S,
+            f'the table to stop at {math.degrees(position):.2f} degrees',
             'MOTION_FAILED',
         )
-        self._stood_ns = self._link.stood_ns
+        self._standstill_ns = self._link.standstill_ns
 
-    async def light(self, laser: str) -> None:
-        """Let this laser shine and no other, and return when it does."""
+    async def laser_on(self, laser: str) -> None:
+        """Switch this laser on and all others off; return when that is reported."""
         self._link.hold(laser)
         await self._until(
-            lambda: self._link.shines(laser), 10.0, f'laser {laser} to shine', 'LASER_FAILED'
+            lambda: self._link.is_on(laser), _LASER_S, f'laser {laser} to be on', 'LASER_FAILED'
         )
 
-    def dark(self) -> None:
-        """Let all lasers go out."""
+    def lasers_off(self) -> None:
+        """Command all lasers off; does not wait."""
         self._link.hold(None)
 
-    async def dark_frame(self) -> None:
-        """Return when a picture was taken with all lasers off where the table stands."""
+    async def take_dark_frame(self) -> None:
+        """Return when an image was exposed with all lasers off at the present position."""
         link, name = self._link, 'all lasers to be off'
-        await self._until(lambda: link.dark_since_ns is not None, 10.0, name, 'LASER_FAILED')
-        # the triangulator wants the table to have stood for a while before
-        begin = max(link.dark_since_ns or 0, self._stood_ns + _SETTLE_NS)
+        await self._until(lambda: link.dark_since_ns is not None, _LASER_S, name, 'LASER_FAILED')
+        # the triangulator accepts it only some time after standstill
+        begin = max(link.dark_since_ns or 0, self._standstill_ns + _SETTLE_NS)
         patience = self.context.patience
         await self._until(
-            lambda: link.pictured_ns >= begin, patience, 'a dark picture', 'CAMERA_LOST'
+            lambda: link.last_image_ns >= begin, patience, 'a dark image', 'CAMERA_LOST'
         )
 
-    async def profile_of(self, view: int) -> None:
-        """Return when a view has its profile of where the table stands."""
-        stood_ns = self._stood_ns
+    async def wait_for_profile(self, view: int) -> None:
+        """Return when a profile of ``view`` at the present position has been received."""
+        standstill_ns = self._standstill_ns
 
-        def there() -> bool:
+        def received() -> bool:
             return any(
-                head.view == view and head.stamp_ns >= stood_ns for head in self._link.latest()
+                header.view == view and header.stamp_ns >= standstill_ns
+                for header in self._link.latest_profiles()
             )
 
-        await self._until(there, self.context.patience, f'a profile of view {view}', 'NO_PROFILE')
+        what = f'a profile of view {view}'
+        await self._until(received, self.context.patience, what, 'NO_PROFILE')
 
-    async def rate(self, sweep: Sweep) -> float:
-        """Return how many profiles a second come of the laser that shines, the table standing."""
-        wanted = max(sweep.views)
+    async def measure_profile_rate(self, sweep: Sweep) -> float:
+        """Return the rate of profiles, 1/s, with the present laser at standstill."""
+        view = max(sweep.views)
 
         def stamps() -> list[int]:
-            heads = self._link.latest()
-            return sorted(h.stamp_ns for h in heads if h.view == wanted)[-_RATED:]
+            heads = self._link.latest_profiles()
+            return sorted(h.stamp_ns for h in heads if h.view == view)[-_RATE_PROFILES:]
 
         await self._until(
-            lambda: len(stamps()) == _RATED,
+            lambda: len(stamps()) == _RATE_PROFILES,
             self.context.patience,
-            f'the first profiles of view {wanted}',
+            f'the first profiles of view {view}',
             'NO_PROFILE',
         )
         first, *_, last = stamps()
-        rate = (_RATED - 1) / max((last - first) * 1e-9, 1e-3)
-        if rate < 0.9 * self.context.motion.profile_rate:
+        rate = (_RATE_PROFILES - 1) / max((last - first) * 1e-9, 1e-3)
+        if rate < _LOW_RATE * self.context.motion.profile_rate:
             self._node.get_logger().warning(
-                f'{rate:.1f} profiles a second come, not {self.context.motion.profile_rate:.1f}; '
-                'the table turns slower'
+                f'measured {rate:.1f} profiles/s, planned {self.context.motion.profile_rate:.1f}; '
+                'the table turns more slowly'
             )
         return rate
 
-    async def settled(self, sweep: Sweep) -> None:
-        """Return when every picture of the sweep has become a profile."""
-        # pictures become profiles in their order, and one of the table that stands is the last
-        await self.profile_of(max(sweep.views))
+    async def wait_for_sweep_profiles(self, sweep: Sweep) -> None:
+        """Return when all images of the sweep have been processed."""
+        # images are processed in order, and the last one is exposed at standstill
+        await self.wait_for_profile(max(sweep.views))
 
-    async def resumed(self) -> None:
-        """Return when the scan shall go on."""
-        await self._until(lambda: not self._machine.pausing, _FOREVER, 'resume', 'TIMEOUT')
+    async def wait_until_resumed(self) -> None:
+        """Return when the operator resumes the scan."""
+        await self._until(lambda: not self._machine.pause_requested, _PAUSE_S, 'resume', 'TIMEOUT')
 
-    async def recorded(self) -> None:
+    async def wait_until_recorded(self) -> None:
         """Return when every profile is in the bag."""
-        if not self._link.heads:
+        if not self._link.headers:
             raise HelperError('NO_PROFILE', 'the scan has no profile')
-        # a laser that nobody can turn off gives profiles on and on
-        await self._measure_none()
+        # a laser that is always on would produce profiles without end
+        await self._stop_profiles()
 
         def complete() -> bool:
             recorded = self._link.recorded
-            return recorded is not None and recorded >= max(self._link.heads)
+            return recorded is not None and recorded >= max(self._link.headers)
 
-        await self._until(complete, 60.0, 'the recorder to write all profiles', _NOT_RECORDED)
-        # dark pictures while the mesh is made would be most of the bag
-        await self._helpers.set('recorder', {'pictures': False})
-        # camera and table may be turned off from now on
+        await self._until(complete, _FLUSH_S, 'the recorder to write all profiles', _NOT_RECORDED)
+        # dark images during meshing would be most of the bag
+        await self._services.set('recorder', {'pictures': False})
+        # camera and table are not needed any more
         self._watched = ['registrar', 'mesher', 'recorder']
 
-    async def _measure_none(self) -> None:
+    async def _stop_profiles(self) -> None:
         lasers = len(self.context.plan.sweeps[0].views)
-        await self._helpers.set('triangulator', {'view': [NOT_MEASURED] * lasers})
+        await self._services.set('triangulator', {'view': [NOT_MEASURED] * lasers})
 
     async def register(self) -> Mapping[str, Any]:
-        """Bring the views together, and return what is said of them."""
-        await self._helpers.set('registrar', {'expected': max(self._link.heads) + 1})
-        return await self._work('registrar', 'register')
+        """Register all views; return the registrar's response."""
+        await self._services.set('registrar', {'expected': max(self._link.headers) + 1})
+        return await self._call_long('registrar', 'register')
 
-    async def build(self) -> Mapping[str, Any]:
-        """Make the mesh, and return what is said of it."""
-        return await self._work('mesher', 'build')
+    async def build_mesh(self) -> Mapping[str, Any]:
+        """Build the mesh and its files; return the mesher's response."""
+        return await self._call_long('mesher', 'build')
 
-    async def _work(self, node: str, service: str) -> Mapping[str, Any]:
+    async def _call_long(self, node: str, service: str) -> Mapping[str, Any]:
         self._working = node
-        answer = await self._helpers.trigger(f'{node}/{service}', _MESHING, self._guard)
+        answer = await self._services.trigger(f'{node}/{service}', _PROCESSING_S, self._guard)
         self._working = ''
         return answer
 
     async def finish(self, outcome: Outcome) -> None:
-        """Close the bag and write what belongs to the scan."""
+        """Close the bag and write the report of the scan."""
         self.bag = await self._stop_recording()
         folder, bag = self.context.folder, self.bag
         self.picture_error = await self.in_thread(finish_scan, folder, outcome, bag)
 
     async def in_thread(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Run what waits for a disk, while the node goes on."""
+        """Run blocking work in a thread and return its result."""
         return await self._node.in_thread(function, *arguments)
 
-    async def halt(self, outcome: Outcome) -> None:
-        """Stop the table and close the bag, as far as that is possible; never raises."""
+    async def abort(self, outcome: Outcome) -> None:
+        """Stop the table and close the bag as far as possible; never raises."""
         self._link.halt()
-        if self._helpers.has('turntable/stop'):
-            await self._quietly(self._helpers.trigger('turntable/stop', 5.0))
-        if self._working and self._helpers.has(f'{self._working}/cancel'):
-            # who goes on with what nobody waits for is busy when the next scan comes
-            await self._quietly(self._helpers.trigger(f'{self._working}/cancel', 5.0))
-        if 'triangulator' in self._watched and not self._link.watch.silent(['triangulator']):
-            await self._quietly(self._measure_none())
+        if self._services.has('turntable/stop'):
+            await self._log_error(self._services.trigger('turntable/stop', _ABORT_S))
+        if self._working and self._services.has(f'{self._working}/cancel'):
+            # otherwise the node is busy when the next scan starts
+            await self._log_error(self._services.trigger(f'{self._working}/cancel', _ABORT_S))
+        if 'triangulator' in self._watched and not self._link.watch.lost(['triangulator']):
+            await self._log_error(self._stop_profiles())
         if self._recording:
-            trouble = await self._quietly(self._stop_recording())
-            if trouble and outcome.code == _NOT_RECORDED:
-                outcome.detail = f'{outcome.detail}: {trouble}'
+            error = await self._log_error(self._stop_recording())
+            if error and outcome.code == _NOT_RECORDED:
+                outcome.detail = f'{outcome.detail}: {error}'
 
     async def _stop_recording(self) -> Mapping[str, Any]:
         self._recording = False
-        return await self._helpers.trigger('recorder/stop', 120.0)
+        return await self._services.trigger('recorder/stop', _STOP_RECORDER_S)
 
-    async def _first(self, kind: type, topic: str, code: str) -> Any:
+    async def _first_message(self, kind: type, topic: str, code: str) -> Any:
         got: list[Any] = []
         subscription = AdaptiveSubscription(self._node, kind, topic, got.append)
         try:
-            await self._until(lambda: bool(got), _SLACK, f'a message on {topic}', code)
+            await self._until(lambda: bool(got), _RESPONSE_S, f'a message on {topic}', code)
         finally:
             subscription.destroy()
         return got[0]
 
     async def _until(self, condition: Condition, seconds: float, what: str, code: str) -> None:
         try:
-            await self._helpers.waiting.until(condition, seconds, what, self._guard)
+            await self._services.waiter.until(condition, seconds, what, self._guard)
         except TimeoutExceededError as error:
             raise HelperError(code, str(error)) from error
 
     def _guard(self) -> None:
-        self._machine.check()
-        self._link.watch.require(self._watched)
-        self._link.require_one_count()
+        self._machine.raise_if_cancelled()
+        self._link.watch.require_alive(self._watched)
+        self._link.require_unique_profiles()
         seconds = self._link.unrecorded_s
         if self._recording and seconds > self.context.patience:
             raise HelperError(
                 _NOT_RECORDED, f'the recorder has not written a profile for {seconds:.1f} s'
             )
 
-    async def _quietly(self, work: Any) -> str:
-        """Return what went wrong, or ''."""
+    async def _log_error(self, work: Any) -> str:
+        """Await ``work``; log and return its error, '' without one."""
         try:
             await work
         except ScanError as error:
-            self._node.get_logger().warning(f'while ending the scan: {error}')
+            self._node.get_logger().warning(f'while aborting the scan: {error}')
             return str(error)
         return ''

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One scan from the moment it is accepted: its files, its rows, its status, its answer."""
+"""One scan from its acceptance to its response: files, catalogue rows, status, result."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,24 +16,24 @@ from ivfmc_ros.cell.camera_file import save_camera
 from ivfmc_ros.cell.cell_file import CellDraft
 from ivfmc_ros.cell.cell_file import save_draft
 from ivfmc_ros.errors import ScanError
-from ivfmc_ros.nodes.framework.json_response import text
+from ivfmc_ros.nodes.framework.json_response import to_json
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
 from ivfmc_ros.nodes.scanning.graph_tools import GraphTools
 from ivfmc_ros.nodes.scanning.graph_tools import ScanContext
-from ivfmc_ros.scan import record
+from ivfmc_ros.scan import scan_folder
 from ivfmc_ros.scan.job import Outcome
 from ivfmc_ros.scan.job import run_job
-from ivfmc_ros.scan.machine import Machine
-from ivfmc_ros.scan.machine import Stage
-from ivfmc_ros.scan.progress import Progress
-from ivfmc_ros.storage.catalogue import Catalogue
-from ivfmc_ros.storage.catalogue_writer import Notes
-from ivfmc_ros.storage.messages.camera_info import camera_of
+from ivfmc_ros.scan.progress import ScanProgress
+from ivfmc_ros.scan.state_machine import Stage
+from ivfmc_ros.scan.state_machine import StateMachine
+from ivfmc_ros.storage.catalogue.catalogue import Catalogue
+from ivfmc_ros.storage.catalogue.catalogue_writer import CatalogueWriter
+from ivfmc_ros.storage.messages.camera_info import to_camera
 
-# The node does nothing else while it waits for the catalogue.
-_PATIENCE_S = 2.0
+# Time-out of a locked catalogue, seconds: short, because it blocks the node.
+_CATALOGUE_TIMEOUT_S = 2.0
 
-# the keys of scan_status are fixed: somebody's gateway reads them
+# The keys of scan_status, part of the public interface.
 _KEYS = (
     'scan_id',
     'stage',
@@ -52,43 +52,43 @@ class RunningScan:
     """
     A scan that was accepted.
 
-    ended : becomes the answer
+    ended : future of the response
+    result : the response, None while the scan runs
     """
 
     context: ScanContext
-    machine: Machine
+    machine: StateMachine
     tools: GraphTools
     link: CellLink
     ended: Future
     result: Mapping[str, Any] | None = None
-    detail: str = ''
-    _notes: Notes = field(init=False)
-    _progress: Progress = field(init=False)
+    _writer: CatalogueWriter = field(init=False)
+    _progress: ScanProgress = field(init=False)
 
     def __post_init__(self) -> None:
-        self._progress = Progress(self.context.plan, self.context.motion, time.monotonic)
+        self._progress = ScanProgress(self.context.plan, self.context.motion, time.monotonic)
 
     @property
     def scan_id(self) -> str:
-        """Name of the scan and of its folder."""
+        """Id of the scan, the name of its folder."""
         return self.context.scan_id
 
     @property
     def folder(self) -> Path:
-        """Where everything of the scan goes."""
+        """Folder of all files of the scan."""
         return self.context.folder
 
-    def accepted(self, draft: CellDraft, parameters: Mapping[str, Any]) -> None:
+    def save_inputs(self, draft: CellDraft, parameters: Mapping[str, Any]) -> None:
         """
-        Write what the scan is taken with, and its row in the catalogue.
+        Write cell.yaml, the parameters and the catalogue row of the scan.
 
-        :raises ScanError: it cannot be written; then nothing is left of it
+        :raises ScanError: one of them cannot be written; the folder is removed again
         """
         try:
             save_draft(self.folder / 'cell.yaml', draft)
-            record.save_parameters(self.folder, parameters)
+            scan_folder.save_parameters(self.folder, parameters)
             self._save()
-            catalogue = Catalogue(self.folder.parent, create=True, patience_s=_PATIENCE_S)
+            catalogue = Catalogue(self.folder.parent, create=True, timeout_s=_CATALOGUE_TIMEOUT_S)
             request = self.context.request
             catalogue.add_scan(
                 self.scan_id, request.part, request.recipe, str(Stage.IDLE), request.as_dict()
@@ -96,67 +96,69 @@ class RunningScan:
         except ScanError:
             shutil.rmtree(self.folder, ignore_errors=True)
             raise
-        self._notes = Notes(catalogue)
+        self._writer = CatalogueWriter(catalogue)
 
     async def run(self) -> dict[str, Any]:
-        """Take the scan to its end and return the answer."""
-        # another orchestrator of the same folder must not take it for one that was interrupted
-        with record.claimed(self.folder):
+        """Run the scan to its end and return the response."""
+        # locked, so that another orchestrator does not mark the scan as interrupted
+        with scan_folder.lock_scan(self.folder):
             return await self._run()
 
     async def _run(self) -> dict[str, Any]:
         outcome = await run_job(self.machine, self.context.plan, self.context.motion, self.tools)
         answer = self._answer(outcome)
         self._save(outcome)
-        self._note(outcome.code)
+        self._save_stage(outcome.code)
         if outcome.code == 'OK':
             scan_id, result = self.scan_id, dict(answer)
-            self._notes.add(lambda catalogue: catalogue.add_result(scan_id, scan_id, result))
-        await self.tools.in_thread(self._notes.close)
-        error = self._notes.error or self.tools.bag.get('catalogue_error')
+            self._writer.add(lambda catalogue: catalogue.add_result(scan_id, scan_id, result))
+        await self.tools.in_thread(self._writer.close)
+        error = self._writer.error or self.tools.bag.get('catalogue_error')
         if error:
             answer['catalogue_error'] = error
         self.result = answer
         return dict(answer)
 
-    def _note(self, code: str = '') -> None:
-        """Note the stage in the catalogue; one that cannot be written is no end of a scan."""
+    def _save_stage(self, code: str = '') -> None:
+        """Write the stage to the catalogue, in the background; an error does not end the scan."""
         stage = str(self.machine.stage)
-        self._notes.add(lambda catalogue: catalogue.set_stage(self.scan_id, stage, code))
+        self._writer.add(lambda catalogue: catalogue.set_stage(self.scan_id, stage, code))
 
-    def changed(self) -> None:
-        """Note a change of stage where it outlives this process."""
+    def on_stage_change(self) -> None:
+        """Write the new stage to disk and catalogue, and camera.yaml when scanning starts."""
         stage = self.machine.stage
-        self._progress.at_stage(stage)
+        self._progress.set_stage(stage)
         if stage is Stage.SCANNING and not (self.folder / 'camera.yaml').exists():
-            save_camera(self.folder / 'camera.yaml', camera_of(self.tools.camera_info))
+            save_camera(self.folder / 'camera.yaml', to_camera(self.tools.camera_info))
         self._save()
-        self._note()
+        self._save_stage()
 
-    def counted(self) -> None:
-        """Bring the counts up to date."""
+    def update_progress(self) -> None:
+        """Update the counts of views and profiles."""
         if self.machine.stage in (Stage.IDLE, Stage.PREPARING):
-            # what the recorder says until then is of the scan before
+            # ``recorded`` still belongs to the previous scan
             return
         if self.link.recorded is not None:
-            self._progress.recorded(self.link.recorded + 1)
-        heads = self.link.heads
-        if heads:
-            self._progress.in_view(heads[max(heads)].view)
+            self._progress.set_recorded_profiles(self.link.recorded + 1)
+        headers = self.link.headers
+        if headers:
+            self._progress.set_current_view(headers[max(headers)].view)
 
-    def interrupted(self) -> None:
-        """Note that this process ends before the scan does."""
+    def mark_interrupted(self) -> None:
+        """Mark the scan as interrupted, because this process ends."""
         try:
-            record.mark_interrupted(self.folder)
+            scan_folder.mark_scan_interrupted(self.folder)
         except ScanError:
-            # it will be noted at the next start
+            # marked at the next start
             return
         failed = str(Stage.FAILED)
-        self._notes.add(lambda catalogue: catalogue.set_stage(self.scan_id, failed, 'INTERRUPTED'))
-        self._notes.close()
+        self._writer.add(
+            lambda catalogue: catalogue.set_stage(self.scan_id, failed, 'INTERRUPTED')
+        )
+        self._writer.close()
 
     def status(self) -> dict[str, str]:
-        """Return the values of ``scan_status``."""
+        """Return the key-value pairs of ``scan_status``."""
         progress = self._progress
         result = self.result
         return {
@@ -166,14 +168,14 @@ class RunningScan:
             'views_total': str(self.context.plan.views),
             'profiles_done': str(progress.profiles_done),
             'profiles_total': str(self.context.plan.profiles),
-            'eta_s': f'{progress.eta():.1f}',
+            'eta_s': f'{progress.eta_s():.1f}',
             'code': '' if result is None else str(result['code']),
-            'result': '' if result is None else text(result),
+            'result': '' if result is None else to_json(result),
         }
 
     @staticmethod
-    def nothing() -> dict[str, str]:
-        """Return the values of ``scan_status`` before the first scan."""
+    def idle_status() -> dict[str, str]:
+        """Return the key-value pairs of ``scan_status`` before the first scan."""
         return {**dict.fromkeys(_KEYS, ''), 'stage': str(Stage.IDLE)}
 
     def _answer(self, outcome: Outcome) -> dict[str, Any]:
@@ -199,12 +201,12 @@ class RunningScan:
         return answer
 
     def _counts(self, outcome: Outcome) -> dict[str, Any]:
-        heads = self.link.heads
+        headers = self.link.headers
         return {
-            'views': len({head.view for head in heads.values()}),
-            'profiles': len(heads),
+            'views': len({header.view for header in headers.values()}),
+            'profiles': len(headers),
             'profiles_planned': self.context.plan.profiles,
-            'points': sum(head.points for head in heads.values()),
+            'points': sum(header.points for header in headers.values()),
             'messages': self.tools.bag.get('messages'),
             'dropped': self.tools.bag.get('dropped'),
         }
@@ -221,7 +223,7 @@ class RunningScan:
             'profiles_done': self._progress.profiles_done,
             'profiles_total': self.context.plan.profiles,
         }
-        record.save_job(self.folder, document)
+        scan_folder.save_job(self.folder, document)
 
 
 def _without_code(answer: Mapping[str, Any]) -> dict[str, Any]:

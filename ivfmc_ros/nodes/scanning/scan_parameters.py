@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of the orchestrator: what a scan shall be, and what the cell can do."""
+"""Parameters of the orchestrator: the scan request, the motion limits, and the cell."""
 
 from collections.abc import Mapping
 from dataclasses import fields
@@ -11,29 +11,31 @@ from ivfmc_ros.meshing.io.export import FORMATS
 from ivfmc_ros.meshing.io.export import UNITS
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.scan import request as scan
-from ivfmc_ros.scan.plan import Motion
+from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.request import ScanRequest
 
 _HALF_TURN = math.pi
 
 
 class ScanParameters:
-    """Reads a request and a motion from the parameters, as they are at that moment."""
+    """Builds a scan request and motion limits from the current parameter values."""
 
     def __init__(self, node: CellNode) -> None:
         self._node = node
 
     def request(self) -> ScanRequest:
-        """Return what the next scan shall be."""
+        """Return the request of the next scan."""
         return _request({field.name: self._node.get(field.name) for field in fields(ScanRequest)})
 
-    def motion(self) -> Motion:
-        """Return what the table can do."""
-        return Motion(**{field.name: self._node.get(field.name) for field in fields(Motion)})
+    def motion(self) -> MotionLimits:
+        """Return the limits of the table motion and the profile rate."""
+        return MotionLimits(
+            **{field.name: self._node.get(field.name) for field in fields(MotionLimits)}
+        )
 
 
 def declare_scan_parameters(node: CellNode) -> ScanParameters:
-    """Declare all parameters of a scan; values that make no request are refused when set."""
+    """Declare all parameters of a scan; values that make no valid request are rejected."""
     _declare_request(node)
     _declare_motion(node)
     _declare_cell(node)
@@ -53,35 +55,35 @@ def _declare_request(node: CellNode) -> None:
     node.parameter(
         'views',
         default.views,
-        'Sweeps that share a turn, for each laser.',
+        'Number of sweeps into which a turn is divided, for each laser.',
         low=1,
         high=scan.MAX_VIEWS,
     )
     node.parameter(
         'overlap',
         default.overlap,
-        'Radians by which a sweep reaches into the next; of a single one, beyond the turn.',
+        'Radians by which a sweep overlaps the next one; a single sweep, its own start.',
         low=0.0,
         high=_HALF_TURN,
     )
     node.parameter(
         'profiles',
         default.profiles,
-        'Profiles of each view.',
+        'Number of profiles of each view.',
         low=3,
         high=scan.MAX_PROFILES,
     )
     node.parameter(
         'motion',
         default.motion,
-        'step: turn, settle, take pictures; continuous: one smooth turn a sweep.',
+        'step: turn, settle, take images; continuous: one motion at constant speed per sweep.',
         choices=scan.MOTIONS,
     )
-    node.parameter('lasers', [], 'Names of the lasers to use; empty for all.', kind=str)
+    node.parameter('lasers', [], 'Names of the lasers to use; empty: all.', kind=str)
     node.parameter(
         'dark_frames',
         default.dark_frames,
-        'step: take a picture with all lasers off at every stop, which is subtracted.',
+        'step: take an image with all lasers off at every stop and subtract it.',
     )
     node.parameter(
         'formats',
@@ -95,19 +97,23 @@ def _declare_request(node: CellNode) -> None:
 
 
 def _declare_motion(node: CellNode) -> None:
-    default = Motion()
+    default = MotionLimits()
     node.parameter(
         'profile_rate',
         default.profile_rate,
-        'Profiles a second that the camera gives; sets the speed of continuous motion.',
+        'Profiles per second of the camera; determines the speed of continuous motion.',
         low=0.1,
         high=1000.0,
     )
     node.parameter(
-        'velocity', default.velocity, 'Most that the table may have, rad/s.', low=0.01, high=50.0
+        'velocity', default.velocity, 'Maximum velocity of the table, rad/s.', low=0.01, high=50.0
     )
     node.parameter(
-        'acceleration', default.acceleration, 'Of the table, rad/s^2.', low=0.01, high=500.0
+        'acceleration',
+        default.acceleration,
+        'Acceleration of the table, rad/s^2.',
+        low=0.01,
+        high=500.0,
     )
     node.parameter(
         'lead_time',
@@ -123,27 +129,25 @@ def _declare_cell(node: CellNode) -> None:
     node.parameter(
         'scan_root', 'scans', 'Folder of the scans and of their catalogue.', read_only=True
     )
-    node.parameter(
-        'home', False, 'Look for the home switch of the table before a scan, where it has one.'
-    )
+    node.parameter('home', False, 'Home the table before a scan; requires a home switch.')
     node.parameter(
         'position_tolerance',
         2e-3,
-        'Radians by which the table may miss a position.',
+        'Tolerance of table positions, radians.',
         low=1e-6,
         high=0.1,
     )
     node.parameter(
         'profile_patience',
         20.0,
-        'Seconds that a profile may take before the scan fails.',
+        'Seconds without an expected profile after which the scan fails.',
         low=1.0,
         high=600.0,
     )
     node.parameter(
         'heartbeat_limit',
         2.0,
-        'Seconds of silence after which a part of the cell is lost.',
+        'Seconds without a heartbeat or joint state after which a node is lost.',
         low=0.3,
         high=60.0,
         read_only=True,
@@ -153,12 +157,12 @@ def _declare_cell(node: CellNode) -> None:
 def _request(values: Mapping[str, Any]) -> ScanRequest:
     known: dict[str, Any] = {field.name: values[field.name] for field in fields(ScanRequest)}
     for name in ('lasers', 'formats'):
-        # an empty list cannot be set again, one of an empty text can
+        # rclpy cannot set an empty list, but a list with one empty string
         known[name] = tuple(item for item in known[name] if item)
     return ScanRequest(**known)
 
 
 def _require_request(values: Mapping[str, Any]) -> None:
-    # while the node starts, some are not there yet
+    # during the start of the node some are not declared yet
     if all(field.name in values for field in fields(ScanRequest)):
         _request(values)

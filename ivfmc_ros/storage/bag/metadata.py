@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""``metadata.yaml``, by which rosbag2 knows what a bag folder holds."""
+"""Reads and writes ``metadata.yaml``, the description of a bag folder for rosbag2."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,20 +14,24 @@ from ivfmc_ros.storage.messages import cdr
 
 FILE_NAME = 'metadata.yaml'
 
-# the version that rosbag2 of Jazzy writes
+# Version of the format that rosbag2 of ROS 2 Jazzy writes.
 VERSION = 9
 ROS_DISTRO = 'jazzy'
 
-_FOREVER = {'sec': 9223372036, 'nsec': 854775807}
+# The maximum of a signed 64-bit time in nanoseconds, rmw's infinite duration.
+_INFINITE = {'sec': 9223372036, 'nsec': 854775807}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Channel:
+class TopicMetadata:
     """
-    A topic of a bag that is being written.
+    Description of a topic that is written.
 
-    latched : its publisher keeps the last message for those who come late (transient local)
-    depth : of its publisher's history
+    msgtype : such as 'sensor_msgs/msg/Image'
+    count : number of messages
+    type_hash : RIHS01 hash of the message definition (REP 2011); '' for an unknown type
+    latched : the publisher is transient local
+    depth : history depth of the publisher
     """
 
     topic: str
@@ -38,37 +42,41 @@ class Channel:
     depth: int = 30
 
 
-def qos(channel: Channel) -> list[dict[str, object]]:
+def offered_qos_profiles(topic: TopicMetadata) -> list[dict[str, object]]:
     """Return the offered QoS profiles of a topic as rosbag2 stores them."""
     return [
         {
             'history': 'keep_last',
-            'depth': channel.depth,
+            'depth': topic.depth,
             'reliability': 'reliable',
-            'durability': 'transient_local' if channel.latched else 'volatile',
-            'deadline': dict(_FOREVER),
-            'lifespan': dict(_FOREVER),
+            'durability': 'transient_local' if topic.latched else 'volatile',
+            'deadline': dict(_INFINITE),
+            'lifespan': dict(_INFINITE),
             'liveliness': 'automatic',
-            'liveliness_lease_duration': dict(_FOREVER),
+            'liveliness_lease_duration': dict(_INFINITE),
             'avoid_ros_namespace_conventions': False,
         }
     ]
 
 
-def information(
-    file_name: str, channels: Sequence[Channel], start_ns: int, end_ns: int
+def bag_information(
+    file_name: str, topics: Sequence[TopicMetadata], start_ns: int, end_ns: int
 ) -> dict[str, object]:
-    """Return what rosbag2 wants to know of a bag of one file; stamps in nanoseconds."""
+    """
+    Return the value of ``rosbag2_bagfile_information`` for a bag of one file.
+
+    start_ns, end_ns : smallest and greatest log time, nanoseconds
+    """
     span = {
         'starting_time': {'nanoseconds_since_epoch': start_ns},
         'duration': {'nanoseconds': end_ns - start_ns},
-        'message_count': sum(channel.count for channel in channels),
+        'message_count': sum(topic.count for topic in topics),
     }
     return {
         'version': VERSION,
         'storage_identifier': 'mcap',
         **span,
-        'topics_with_message_count': [_topic(channel) for channel in channels],
+        'topics_with_message_count': [_topic_entry(topic) for topic in topics],
         'compression_format': '',
         'compression_mode': '',
         'relative_file_paths': [file_name],
@@ -78,34 +86,34 @@ def information(
     }
 
 
-def _topic(channel: Channel) -> dict[str, object]:
+def _topic_entry(topic: TopicMetadata) -> dict[str, object]:
     return {
         'topic_metadata': {
-            'name': channel.topic,
-            'type': channel.msgtype,
+            'name': topic.topic,
+            'type': topic.msgtype,
             'serialization_format': cdr.ENCODING,
-            'offered_qos_profiles': qos(channel),
-            'type_description_hash': channel.type_hash,
+            'offered_qos_profiles': offered_qos_profiles(topic),
+            'type_description_hash': topic.type_hash,
         },
-        'message_count': channel.count,
+        'message_count': topic.count,
     }
 
 
 def dump(document: object) -> str:
-    """Return YAML as yaml-cpp reads it: without anchors for what occurs twice."""
-    return yaml.dump(document, Dumper=_Plain, sort_keys=False)
+    """Return YAML without anchors and aliases, which yaml-cpp in rosbag2 does not expand."""
+    return yaml.dump(document, Dumper=_DumperWithoutAliases, sort_keys=False)
 
 
-class _Plain(yaml.SafeDumper):
+class _DumperWithoutAliases(yaml.SafeDumper):
     def ignore_aliases(self, data: object) -> bool:
         return True
 
 
 def bag_files(folder: Path) -> list[Path]:
     """
-    Return the MCAP files of a bag folder in their order.
+    Return the MCAP files of a bag folder in recording order.
 
-    :raises BagError: there is no usable metadata.yaml, or the bag is stored otherwise
+    :raises BagError: metadata.yaml is missing or invalid, or the bag is not plain MCAP
     """
     path = folder / FILE_NAME
     info = _read(path)
@@ -131,12 +139,13 @@ def _read(path: Path) -> dict[str, Any]:
         document = yaml.safe_load(path.read_text(encoding='utf-8'))
     except FileNotFoundError:
         raise BagError(
-            f'{path.parent}: has no {FILE_NAME} and is no bag; name an .mcap file or a bag folder'
+            f'{path.parent}: has no {FILE_NAME} and is not a bag; name an .mcap file or a bag '
+            'folder'
         ) from None
     except OSError as error:
         raise BagError(f'{path}: cannot be read: {error.strerror or error}') from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise BagError(f'{path}: is not YAML: {error}') from error
+        raise BagError(f'{path}: is not valid YAML: {error}') from error
     info = document.get('rosbag2_bagfile_information') if isinstance(document, dict) else None
     if not isinstance(info, dict):
         raise BagError(f'{path}: rosbag2_bagfile_information: is missing')

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Opens bags, ours and other people's, and says what is wrong with a damaged one."""
+"""Reads MCAP bags of any recorder; detects damage and salvages what precedes it."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -26,8 +26,8 @@ from ivfmc_ros.storage.messages import cdr
 
 _MAGIC = b'\x89MCAP0\r\n'
 
-# what damaged files make the library raise; lz4 raises RuntimeError, a wrong CRC a ValueError
-DAMAGE = (
+# Exceptions of the mcap library on damaged files; lz4 raises RuntimeError, a wrong CRC ValueError.
+READ_ERRORS = (
     McapError,
     zstandard.ZstdError,
     struct.error,
@@ -41,7 +41,14 @@ DAMAGE = (
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
-    """A topic of a bag; ``msgtype`` is '' where the bag does not tell its type."""
+    """
+    A topic of a bag.
+
+    msgtype : such as 'sensor_msgs/msg/Image'; '' where the bag has no schema of it
+    encoding : of the messages, such as 'cdr'
+    count : number of messages
+    schema_encoding, definition : 'ros2msg' or 'ros2idl', and the message definition in it
+    """
 
     name: str
     msgtype: str
@@ -52,8 +59,8 @@ class Topic:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Raw:
-    """A message as it lies in the bag; ``index`` counts those of its topic from 0."""
+class RawMessage:
+    """An encoded message; ``index`` is its index in its topic, from 0."""
 
     topic: str
     index: int
@@ -64,11 +71,11 @@ class Raw:
 @dataclass(frozen=True, kw_only=True)
 class Bag:
     """
-    An open bag: one MCAP file, or the several of a split recording.
+    A bag: one MCAP file, or the files of a split recording in order.
 
-    path : as the user named it, for messages
+    path : as the user named it, for error messages
     topics : by name
-    damage : what is wrong with a bag that was opened to salvage what it holds, or None
+    damage : description of the damage of a bag that was opened for salvage, or None
     """
 
     path: Path
@@ -78,38 +85,42 @@ class Bag:
 
     @property
     def message_count(self) -> int:
-        """Messages on all topics."""
+        """Number of messages on all topics."""
         return sum(topic.count for topic in self.topics.values())
 
     def topic(self, name: str) -> Topic:
-        """:raises BagError: there is no such topic; the message lists those that there are."""
+        """
+        Return a topic by name.
+
+        :raises BagError: there is no such topic; the message lists the existing ones
+        """
         if name not in self.topics:
             raise BagError(f'{self.path}: has no topic {name}; it has {self.listing()}')
         return self.topics[name]
 
     def listing(self) -> str:
-        """Return the topics with their types, for messages."""
+        """Return the topics with their types, for error messages."""
         topics = sorted(self.topics.values(), key=lambda topic: topic.name)
         return ', '.join(f'{topic.name} ({topic.msgtype})' for topic in topics) or 'no topics'
 
-    def decoder(self, name: str) -> Callable[[Raw], Any]:
+    def decoder(self, name: str) -> Callable[[RawMessage], Any]:
         """
-        Return a function that decodes the messages of a topic by the bag's own definition.
+        Return a function that decodes the messages of a topic by the definition in the bag.
 
-        :raises BagError: the topic is missing, or the bag does not say how it is encoded
+        :raises BagError: the topic is missing, is not CDR, or has no usable definition
         """
         topic = self.topic(name)
         where = f'{self.path}: {name}'
         if topic.encoding != cdr.ENCODING:
             raise BagError(f'{where}: is encoded as {topic.encoding!r}, only cdr can be read')
         if not topic.definition:
-            raise BagError(f'{where}: the bag has no definition (schema) of its messages')
+            raise BagError(f'{where}: the bag has no message definition (schema) of the topic')
         try:
             decode = cdr.decoder(topic.msgtype, topic.schema_encoding, topic.definition)
         except BagError as error:
             raise BagError(f'{where}: {error}') from error
 
-        def decode_named(raw: Raw) -> Any:
+        def decode_named(raw: RawMessage) -> Any:
             try:
                 return decode(raw.data)
             except BagError as error:
@@ -117,22 +128,22 @@ class Bag:
 
         return decode_named
 
-    def stamp_ns(self, raw: Raw) -> int:
+    def stamp_ns(self, raw: RawMessage) -> int:
         """
-        Return the stamp, in nanoseconds, of a message that begins with a header; not decoded.
+        Return the stamp, nanoseconds, of a message that begins with a header, without decoding it.
 
-        :raises BagError: it is too short for a header
+        :raises BagError: the message is too short for a header
         """
         try:
             return cdr.leading_stamp_ns(raw.data)
         except BagError as error:
             raise BagError(f'{self.path}: {raw.topic}, message {raw.index}: {error}') from error
 
-    def messages(self, topics: Collection[str]) -> Iterator[Raw]:
+    def messages(self, topics: Collection[str]) -> Iterator[RawMessage]:
         """
         Yield the messages of some topics in the order in which they were written.
 
-        :raises BagError: the bag is damaged and was not opened to salvage what it holds
+        :raises BagError: the bag is damaged and was not opened for salvage
         """
         seen: Counter[str] = Counter()
         for file in self.files:
@@ -144,36 +155,36 @@ class Bag:
                         yield _raw(channel.topic, index, message)
             except _DamageError as error:
                 if self.damage is None:
-                    raise BagError(_complaint(error, file, seen)) from error
+                    raise BagError(_damage_text(error, file, seen)) from error
 
 
 class _DamageError(Exception):
-    """A file ends early or its bytes are wrong."""
+    """A file is cut off, or a record of it is corrupt."""
 
 
 def open_bag(path: Path, *, salvage: bool = False) -> Bag:
     """
     Open a bag folder or an ``.mcap`` file.
 
-    salvage : use what can be read of a damaged bag; ``Bag.damage`` tells that it is one
-    :raises BagError: it is no bag, is damaged, or is encoded in a way that cannot be read
+    salvage : accept a damaged bag; ``Bag.damage`` describes the damage
+    :raises BagError: the path is not a bag, the bag is damaged, or its encoding is not supported
     """
     files = tuple(metadata.bag_files(path)) if path.is_dir() else (path,)
     topics: dict[str, Topic] = {}
     damage = None
     for file in files:
-        found, complaint = _topics(file, trust_index=not salvage)
-        if complaint and not salvage:
-            raise BagError(complaint)
-        damage = damage or complaint
+        found, file_damage = _topics(file, use_index=not salvage)
+        if file_damage and not salvage:
+            raise BagError(file_damage)
+        damage = damage or file_damage
         for topic in found:
             _add(topics, topic)
-    _refuse_foreign(path, topics)
+    _require_cdr(path, topics)
     return Bag(path=path, files=files, topics=topics, damage=damage)
 
 
 def _add(topics: dict[str, Topic], topic: Topic) -> None:
-    # a split recording, or two publishers, give one topic several channels
+    # a topic has several channels in a split recording, or with several publishers
     known = topics.get(topic.name)
     if known is None:
         topics[topic.name] = topic
@@ -182,7 +193,7 @@ def _add(topics: dict[str, Topic], topic: Topic) -> None:
     topics[topic.name] = Topic(**fields)
 
 
-def _refuse_foreign(path: Path, topics: dict[str, Topic]) -> None:
+def _require_cdr(path: Path, topics: dict[str, Topic]) -> None:
     encodings = {topic.encoding for topic in topics.values()}
     if encodings and cdr.ENCODING not in encodings:
         names = ', '.join(sorted(topics))
@@ -192,15 +203,15 @@ def _refuse_foreign(path: Path, topics: dict[str, Topic]) -> None:
         )
 
 
-def _topics(file: Path, *, trust_index: bool) -> tuple[list[Topic], str | None]:
-    """Return the topics of a file, and what is wrong with it or None."""
+def _topics(file: Path, *, use_index: bool) -> tuple[list[Topic], str | None]:
+    """Return the topics of a file, and a description of its damage or None."""
     _require_mcap(file)
-    indexed = _indexed(file) if trust_index else None
+    indexed = _topics_of_index(file) if use_index else None
     if indexed is not None:
         return indexed, None
     channels: dict[int, tuple[Channel, Schema | None]] = {}
     counts: Counter[int] = Counter()
-    complaint = None
+    damage = None
     try:
         for channel, _ in _stream(file, channels):
             counts[channel.id] += 1
@@ -208,8 +219,8 @@ def _topics(file: Path, *, trust_index: bool) -> tuple[list[Topic], str | None]:
         names: Counter[str] = Counter()
         for number, count in counts.items():
             names[channels[number][0].topic] += count
-        complaint = _complaint(error, file, names)
-    return [_topic(*channels[number], counts[number]) for number in channels], complaint
+        damage = _damage_text(error, file, names)
+    return [_topic(*channels[number], counts[number]) for number in channels], damage
 
 
 def _require_mcap(file: Path) -> None:
@@ -230,14 +241,14 @@ def _is_cut_off(file: Path) -> bool:
         return stream.read() != _MAGIC
 
 
-def _indexed(file: Path) -> list[Topic] | None:
-    """Return the topics by the index at the end of a file, or None if it has none."""
+def _topics_of_index(file: Path) -> list[Topic] | None:
+    """Return the topics in the index at the end of a file, or None where it has no index."""
     if _is_cut_off(file):
         return None
     with file.open('rb') as stream:
         try:
             summary = make_reader(stream).get_summary()
-        except (*DAMAGE, OSError):
+        except (*READ_ERRORS, OSError):
             return None
     if summary is None or summary.statistics is None:
         return None
@@ -263,10 +274,10 @@ def _stream(
     file: Path, channels: dict[int, tuple[Channel, Schema | None]] | None = None
 ) -> Iterator[tuple[Channel, Message]]:
     """
-    Yield the messages of a file from its beginning, every checksum checked.
+    Yield the messages of a file from its beginning; checks every CRC.
 
-    channels : is filled with what is found, by channel id
-    :raises _DamageError: after the last message that is whole
+    channels : is filled with the channels and their schemas, by channel id
+    :raises _DamageError: after the last intact message
     """
     channels = {} if channels is None else channels
     schemas: dict[int, Schema] = {}
@@ -277,7 +288,7 @@ def _stream(
                 record = next(records, None)
                 if isinstance(record, Message):
                     channel, _ = channels[record.channel_id]
-            except DAMAGE as error:
+            except READ_ERRORS as error:
                 raise _DamageError(str(error) or type(error).__name__) from error
             if record is None:
                 return
@@ -289,14 +300,14 @@ def _stream(
                 yield channel, record
 
 
-def _raw(topic: str, index: int, message: Message) -> Raw:
-    return Raw(topic=topic, index=index, log_time_ns=message.log_time, data=message.data)
+def _raw(topic: str, index: int, message: Message) -> RawMessage:
+    return RawMessage(topic=topic, index=index, log_time_ns=message.log_time, data=message.data)
 
 
-def _complaint(error: _DamageError, file: Path, counts: Counter[str]) -> str:
+def _damage_text(error: _DamageError, file: Path, counts: Counter[str]) -> str:
     per_topic = ', '.join(f'{count} on {name}' for name, count in sorted(counts.items()))
-    what = 'is cut off' if _is_cut_off(file) else f'is damaged ({error})'
+    fault = 'is cut off' if _is_cut_off(file) else f'is damaged ({error})'
     return (
-        f'{file}: the file {what}; {counts.total()} messages can be read before that'
-        f'{f" ({per_topic})" if per_topic else ""}; copy it again or salvage what it holds'
+        f'{file}: the file {fault}; {counts.total()} messages can be read before that'
+        f'{f" ({per_topic})" if per_topic else ""}; copy it again, or salvage these messages'
     )

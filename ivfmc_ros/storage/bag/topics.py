@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which topic of a bag plays which part: by type and last name, in any namespace."""
+"""Finds the topics of a scan in a bag by message type and end of the name, in any namespace."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from ivfmc_ros.storage.messages.sensor_messages import JOINT_STATE
 from ivfmc_ros.storage.messages.sensor_messages import POINT_CLOUD
 from ivfmc_ros.validation import require_one_of
 
-# role -> the ends of a name and the type that goes with each
+# Role of a topic -> ends of its name, with the type of each.
 _ROLES = {
     'image': {'image_raw': IMAGE, 'image_raw/compressed': COMPRESSED_IMAGE},
     'camera_info': {'camera_info': CAMERA_INFO},
@@ -29,9 +29,9 @@ _ROLES = {
 @dataclass(frozen=True, kw_only=True)
 class ScanTopics:
     """
-    The topics of a scan; None where the bag has none.
+    The topics of a scan, by role; None where the bag has no such topic.
 
-    profile : what was made of the pictures when they were recorded
+    profile : profiles that were extracted from the images during the recording
     """
 
     image: Topic
@@ -41,42 +41,42 @@ class ScanTopics:
     profile: Topic | None = None
 
 
-def find_scan_topics(bag: Bag, named: Mapping[str, str] | None = None) -> ScanTopics:
+def find_scan_topics(bag: Bag, chosen: Mapping[str, str] | None = None) -> ScanTopics:
     """
     Find the topics of a scan.
 
-    named : role ('image', 'camera_info', 'joint_states', 'laser_states', 'profile') -> topic,
-        where the user has chosen
-    :raises BagError: pictures or joint states are missing, or several topics could be meant
+    chosen : role ('image', 'camera_info', 'joint_states', 'laser_states', 'profile') -> topic,
+        as the user chose
+    :raises BagError: images or joint states are missing, or several topics fit a role
     """
-    named = named or {}
-    for role in named:
+    chosen = chosen or {}
+    for role in chosen:
         require_one_of(f'{bag.path}: topic', role, _ROLES, error=BagError)
     return ScanTopics(
-        image=_required(bag, 'image', named),
-        joint_states=_required(bag, 'joint_states', named),
-        camera_info=_find(bag, 'camera_info', named),
-        laser_states=_find(bag, 'laser_states', named),
-        profile=_find(bag, 'profile', named),
+        image=_required(bag, 'image', chosen),
+        joint_states=_required(bag, 'joint_states', chosen),
+        camera_info=_find(bag, 'camera_info', chosen),
+        laser_states=_find(bag, 'laser_states', chosen),
+        profile=_find(bag, 'profile', chosen),
     )
 
 
-def missing(bag: Bag, role: str) -> BagError:
-    """Return the error that says which topic a bag lacks and what it has."""
-    wanted = ' or '.join(f'{end} ({msgtype})' for end, msgtype in _ROLES[role].items())
-    return BagError(f'{bag.path}: has no topic {wanted}; it has {bag.listing()}')
+def missing_topic_error(bag: Bag, role: str) -> BagError:
+    """Return the error that names the missing topic and the existing ones."""
+    expected = ' or '.join(f'{end} ({msgtype})' for end, msgtype in _ROLES[role].items())
+    return BagError(f'{bag.path}: has no topic {expected}; it has {bag.listing()}')
 
 
-def _required(bag: Bag, role: str, named: Mapping[str, str]) -> Topic:
-    topic = _find(bag, role, named)
+def _required(bag: Bag, role: str, chosen: Mapping[str, str]) -> Topic:
+    topic = _find(bag, role, chosen)
     if topic is None:
-        raise missing(bag, role)
+        raise missing_topic_error(bag, role)
     return topic
 
 
-def _find(bag: Bag, role: str, named: Mapping[str, str]) -> Topic | None:
-    if role in named:
-        return _chosen(bag, role, named[role])
+def _find(bag: Bag, role: str, chosen: Mapping[str, str]) -> Topic | None:
+    if role in chosen:
+        return _chosen_topic(bag, role, chosen[role])
     found = [
         topic
         for topic in bag.topics.values()
@@ -85,26 +85,26 @@ def _find(bag: Bag, role: str, named: Mapping[str, str]) -> Topic | None:
     ]
     if len(found) > 1:
         names = ' and '.join(sorted(topic.name for topic in found))
-        raise BagError(f'{bag.path}: {names} could each be the {role} topic; say which it is')
+        raise BagError(f'{bag.path}: {names} could each be the {role} topic; choose one of them')
     return found[0] if found else None
 
 
 def _fits(topic: Topic, end: str, msgtype: str) -> bool:
-    # a topic that nobody published on is none; one without a type is refused when it is decoded
-    named = f'/{topic.name}'.endswith(f'/{end}')
-    return bool(topic.count) and named and (not topic.msgtype or _is(topic, msgtype))
+    # a topic without messages is ignored; one without a type is refused when it is decoded
+    has_name = f'/{topic.name}'.endswith(f'/{end}')
+    return bool(topic.count) and has_name and (not topic.msgtype or _has_type(topic, msgtype))
 
 
-def _chosen(bag: Bag, role: str, name: str) -> Topic:
+def _chosen_topic(bag: Bag, role: str, name: str) -> Topic:
     topic = bag.topic(name)
     types = set(_ROLES[role].values())
-    if not any(_is(topic, msgtype) for msgtype in types):
-        wanted = ' or '.join(sorted(types))
-        raise BagError(f'{bag.path}: {name}: is {topic.msgtype}, as {role} it must be {wanted}')
+    if not any(_has_type(topic, msgtype) for msgtype in types):
+        expected = ' or '.join(sorted(types))
+        raise BagError(f'{bag.path}: {name}: is {topic.msgtype}, as {role} it must be {expected}')
     if not topic.count:
         raise BagError(f'{bag.path}: {name}: has no messages')
     return topic
 
 
-def _is(topic: Topic, msgtype: str) -> bool:
+def _has_type(topic: Topic, msgtype: str) -> bool:
     return cdr.full_name(topic.msgtype) == msgtype

@@ -1,120 +1,123 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes a scan as a bag that ``ros2 bag play`` takes; it appears whole or not at all."""
+"""
+Writes bags that ``ros2 bag play`` reads: an MCAP file and ``metadata.yaml``.
+
+``BagWriter`` writes into an existing folder, chunk by chunk: after a crash the file can be read up
+to its last chunk. ``create_bag`` makes a new folder, which appears complete or not at all.
+"""
 
 from collections.abc import Iterator
 from collections.abc import Mapping
 from contextlib import contextmanager
-from contextlib import ExitStack
 from dataclasses import dataclass
-from dataclasses import replace
+from dataclasses import field
 import os
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 from typing import IO
-from typing import Self
-
-from mcap.writer import CompressionType
-from mcap.writer import Writer
 
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.files import whole_folder
+from ivfmc_ros.files import write_text
 from ivfmc_ros.model import Image
 from ivfmc_ros.storage.bag import metadata
-from ivfmc_ros.storage.messages import build
+from ivfmc_ros.storage.bag.mcap_writer import McapWriter
 from ivfmc_ros.storage.messages import cdr
+from ivfmc_ros.storage.messages import sensor_messages
 
+# The MCAP file of a bag folder, and its name until it is complete.
 FILE_NAME = 'scan.mcap'
+PART_NAME = f'{FILE_NAME}.part'
 NAMESPACE = '/ivfmc'
 
-# transient local in design: what comes late must know which laser is on
+# Default size at which a chunk is written, uncompressed bytes; that of the mcap library.
+CHUNK_BYTES = 1024 * 1024
+
+# Topics whose publishers are transient local: a late subscriber needs the last message.
 _LATCHED = ('laser_states',)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Open:
-    """What is known of a topic while its bag is being written."""
+@dataclass(kw_only=True)
+class _OpenTopic:
+    """A topic that has messages; ``id`` is that of its MCAP channel."""
 
-    channel: metadata.Channel
     id: int
+    metadata: metadata.TopicMetadata
+    count: int = field(default=0)
 
 
 class BagWriter:
     """
-    A bag folder in the making: ``scan.mcap`` and ``metadata.yaml``.
+    Writes messages to ``scan.mcap.part``, which becomes ``scan.mcap`` when it is complete.
 
-    Used in a ``with`` block. The folder appears when the block ends; if it raises, nothing
-    remains. Every message is logged at the stamp that it is given, in nanoseconds.
+    Every message is logged at the stamp that the caller passes, in nanoseconds. ``close`` without
+    ``finish`` leaves ``scan.mcap.part``, as a crash does.
+
+    pending_bytes : size of the messages that no chunk in the file has yet
     """
 
-    def __init__(self, folder: Path, *, namespace: str = NAMESPACE, compress: bool = True) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        namespace: str = NAMESPACE,
+        compress: bool = True,
+        chunk_bytes: int | None = CHUNK_BYTES,
+        label: str = '',
+    ) -> None:
         """
-        Prepare to write ``folder``, which must be new or empty.
+        Open the file.
 
-        compress : zstd per chunk; without it a 1.3 MB picture takes 2 ms instead of up to 12
+        folder : must exist and have no bag
+        namespace : is put before relative names of topics
+        compress : compress chunks by zstd; 3 ms for an image of 1.3 MB
+        chunk_bytes : uncompressed size at which a chunk is written; None: only by ``flush``
+        label : path that errors name instead of the file
+        :raises FileError: the folder has a bag, complete or not, or cannot be written
         """
         self.folder = folder
+        self.pending_bytes = self._pending_messages = 0
+        self._label = label or str(folder / PART_NAME)
         self._namespace = namespace.rstrip('/')
-        self._compression = CompressionType.ZSTD if compress else CompressionType.NONE
-        self._topics: dict[str, _Open] = {}
+        self._chunk_bytes = chunk_bytes
+        self._topics: dict[str, _OpenTopic] = {}
         self._schemas: dict[tuple[str, str], int] = {}
         self._span_ns: tuple[int, int] | None = None
-        self._temporary = Path()
-        self._cleanup = ExitStack()
-        self._file: IO[bytes] | None = None
-        self._mcap: Any = None
-
-    def __enter__(self) -> Self:
-        """:raises FileError: the folder exists and is not empty, or cannot be written."""
-        with self._named(), ExitStack() as cleanup:
-            self._temporary = cleanup.enter_context(whole_folder(self.folder))
-            self._file = cleanup.enter_context((self._temporary / FILE_NAME).open('wb'))
-            # the chunks' checksums are the default; this one covers what lies between them
-            self._mcap = Writer(self._file, compression=self._compression, enable_data_crcs=True)
-            self._mcap.start(profile='ros2', library='ivfmc_ros')
-            self._cleanup = cleanup.pop_all()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if kind is not None:
-            self._cleanup.__exit__(kind, error, trace)
-            return
-        with self._cleanup:
-            self._finish()
+        self._stream = self._open_file()
+        with self._named_errors():
+            self._mcap = McapWriter(self._stream, compress=compress)
+            self._stream.flush()
 
     def image(self, stamp_ns: int, image: Image) -> None:
-        """Write a picture, (height, width) mono or (height, width, 3) BGR, on ``image_raw``."""
-        self._write('image_raw', stamp_ns, build.image(stamp_ns, image))
+        """Write an image, (height, width) mono or (height, width, 3) BGR, on ``image_raw``."""
+        self._write_message('image_raw', stamp_ns, sensor_messages.image(stamp_ns, image))
 
     def compressed_image(self, stamp_ns: int, data: bytes, format: str) -> None:
-        """Write a picture file as it is, 'jpeg' or 'png', on ``image_raw/compressed``."""
-        message = build.compressed_image(stamp_ns, data, format)
-        self._write('image_raw/compressed', stamp_ns, message)
+        """Write the bytes of a 'jpeg' or 'png' file on ``image_raw/compressed``."""
+        message = sensor_messages.compressed_image(stamp_ns, data, format)
+        self._write_message('image_raw/compressed', stamp_ns, message)
 
     def camera_info(self, stamp_ns: int, camera: Camera) -> None:
         """Write the camera's calibration on ``camera_info``."""
-        self._write('camera_info', stamp_ns, build.camera_info(stamp_ns, camera))
+        message = sensor_messages.camera_info(stamp_ns, camera)
+        self._write_message('camera_info', stamp_ns, message)
 
     def joint_state(
         self, stamp_ns: int, name: str, position: float, velocity: float | None = None
     ) -> None:
-        """Write where the table is, radians and radians per second, on ``joint_states``."""
-        message = build.joint_state(stamp_ns, {name: position}, velocity)
-        self._write('joint_states', stamp_ns, message)
+        """Write a joint's position, rad, and velocity, rad/s, on ``joint_states``."""
+        message = sensor_messages.joint_state(stamp_ns, {name: position}, velocity)
+        self._write_message('joint_states', stamp_ns, message)
 
-    def laser_state(self, stamp_ns: int, lit: Mapping[str, bool]) -> None:
-        """Write which lasers are on, by name, on ``laser_states``."""
-        positions = {name: float(on) for name, on in lit.items()}
-        self._write('laser_states', stamp_ns, build.joint_state(stamp_ns, positions))
+    def laser_state(self, stamp_ns: int, is_on: Mapping[str, bool]) -> None:
+        """Write the states of the lasers, by name, on ``laser_states``."""
+        positions = {name: float(on) for name, on in is_on.items()}
+        message = sensor_messages.joint_state(stamp_ns, positions)
+        self._write_message('laser_states', stamp_ns, message)
 
-    def raw(
+    def write(
         self,
         topic: str,
         msgtype: str,
@@ -123,82 +126,152 @@ class BagWriter:
         *,
         definition: str | None = None,
         latched: bool = False,
-    ) -> None:
+    ) -> int:
         """
-        Write a message that is CDR already.
+        Write a message that is encoded as CDR; writes the chunk where it is full.
 
-        topic : its full name, or one that is put under the namespace
+        topic : absolute name, or one relative to the namespace
         msgtype : such as 'sensor_msgs/msg/PointCloud2'
-        definition : ros2msg text, for types that are not among those of Jazzy
-        :raises FileError: it cannot be written
+        definition : text in ros2msg format; needed for types that are not in ROS 2 Jazzy
+        latched : the topic's publisher is transient local
+        :returns: index of the message in its topic, from 0
+        :raises FileError: the file cannot be written, the type is unknown, or the topic has
+            messages of another type
         """
-        topic = topic if topic.startswith('/') else f'{self._namespace}/{topic}'
-        with self._named():
-            opened = self._topics.get(topic) or self._open(topic, msgtype, definition, latched)
-            if opened.channel.msgtype != msgtype:
-                known = opened.channel.msgtype
-                raise FileError(f'{self.folder}: {topic}: holds {known}, not {msgtype}')
-            count = opened.channel.count
-            self._mcap.add_message(opened.id, stamp_ns, data, stamp_ns, sequence=count)
-        self._topics[topic] = replace(opened, channel=replace(opened.channel, count=count + 1))
+        name = topic if topic.startswith('/') else f'{self._namespace}/{topic}'
+        with self._named_errors():
+            opened = self._topics.get(name) or self._open_topic(name, msgtype, definition, latched)
+            if opened.metadata.msgtype != msgtype:
+                raise FileError(
+                    f'{self._label}: {name}: holds {opened.metadata.msgtype}, not {msgtype}'
+                )
+            index = opened.count
+            self._mcap.add_message(opened.id, stamp_ns, data, index)
+        opened.count += 1
+        self.pending_bytes += len(data)
+        self._pending_messages += 1
         start, end = self._span_ns or (stamp_ns, stamp_ns)
         self._span_ns = min(start, stamp_ns), max(end, stamp_ns)
+        if self._chunk_bytes is not None and self.pending_bytes >= self._chunk_bytes:
+            self.flush()
+        return index
 
-    def _write(self, name: str, stamp_ns: int, message: Any) -> None:
+    def flush(self) -> int | None:
+        """
+        Write the messages since the last chunk as a chunk.
+
+        :returns: offset of the chunk in the file, bytes; None where there are no messages
+        :raises FileError: the file cannot be written
+        """
+        if not self._pending_messages:
+            return None
+        with self._named_errors():
+            offset = self._mcap.flush()
+        self.pending_bytes = self._pending_messages = 0
+        return offset
+
+    def finish(self) -> Path:
+        """
+        Write the index and ``metadata.yaml``, and rename the file to ``scan.mcap``.
+
+        :raises FileError: a file cannot be written; the bag stays ``scan.mcap.part``
+        """
+        self.flush()
+        topics = [
+            metadata.TopicMetadata(**{**vars(opened.metadata), 'count': opened.count})
+            for opened in self._topics.values()
+        ]
+        info = metadata.bag_information(FILE_NAME, topics, *(self._span_ns or (0, 0)))
+        path = self.folder / FILE_NAME
+        with self._named_errors():
+            # rosbag2 reads a file without its folder by this record
+            self._mcap.add_metadata('rosbag2', {'serialized_metadata': metadata.dump(info)})
+            self._mcap.finish()
+            # on the disk before the rename: a complete name means complete content
+            os.fsync(self._stream.fileno())
+            self._stream.close()
+            (self.folder / PART_NAME).rename(path)
+            document = metadata.dump({'rosbag2_bagfile_information': info})
+            write_text(self.folder / metadata.FILE_NAME, document)
+        return path
+
+    def close(self) -> None:
+        """Close the file; what was not flushed is lost unless ``finish`` was called."""
+        self._stream.close()
+
+    def _write_message(self, name: str, stamp_ns: int, message: Any) -> None:
         data = cdr.encode(message)
-        self.raw(name, message.__msgtype__, data, stamp_ns, latched=name in _LATCHED)
+        self.write(name, message.__msgtype__, data, stamp_ns, latched=name in _LATCHED)
 
-    def _open(self, topic: str, msgtype: str, definition: str | None, latched: bool) -> _Open:
-        if definition is None and not cdr.knows(msgtype):
-            raise FileError(f'{self.folder}: {topic}: no definition of {msgtype} is known')
-        known = definition is None
-        channel = metadata.Channel(
+    def _open_file(self) -> IO[bytes]:
+        complete = self.folder / FILE_NAME
+        if complete.exists():
+            raise FileError(f'{complete}: exists already and is not overwritten')
+        path = self.folder / PART_NAME
+        with self._named_errors():
+            try:
+                # mode x: a bag that was cut off by a crash holds a scan as well
+                return path.open('xb')
+            except FileExistsError:
+                raise FileError(f'{path}: exists already and is not overwritten') from None
+
+    def _open_topic(
+        self, topic: str, msgtype: str, definition: str | None, latched: bool
+    ) -> _OpenTopic:
+        is_known = definition is None
+        if is_known and not cdr.knows(msgtype):
+            raise FileError(f'{self._label}: {topic}: no definition of {msgtype} is known')
+        described = metadata.TopicMetadata(
             topic=topic,
             msgtype=msgtype,
-            type_hash=cdr.type_hash(msgtype) if known else '',
+            type_hash=cdr.type_hash(msgtype) if is_known else '',
             latched=latched,
         )
-        text = cdr.definition(msgtype) if definition is None else definition
-        channel_id = self._mcap.register_channel(
+        channel = self._mcap.add_channel(
             topic,
             cdr.ENCODING,
-            self._schema(msgtype, text),
+            self._schema(msgtype, cdr.definition(msgtype) if definition is None else definition),
             {
-                'offered_qos_profiles': metadata.dump(metadata.qos(channel)),
-                'topic_type_hash': channel.type_hash,
+                'offered_qos_profiles': metadata.dump(metadata.offered_qos_profiles(described)),
+                'topic_type_hash': described.type_hash,
             },
         )
-        return _Open(channel=channel, id=channel_id)
+        self._topics[topic] = _OpenTopic(id=channel, metadata=described)
+        return self._topics[topic]
 
     def _schema(self, msgtype: str, text: str) -> int:
         key = msgtype, text
         if key not in self._schemas:
-            self._schemas[key] = self._mcap.register_schema(msgtype, 'ros2msg', text.encode())
+            self._schemas[key] = self._mcap.add_schema(msgtype, text)
         return self._schemas[key]
 
-    def _finish(self) -> None:
-        channels = [opened.channel for opened in self._topics.values()]
-        info = metadata.information(FILE_NAME, channels, *(self._span_ns or (0, 0)))
-        with self._named():
-            # the file can be played without its folder, as one that rosbag2 wrote
-            self._mcap.add_metadata('rosbag2', {'serialized_metadata': metadata.dump(info)})
-            self._mcap.finish()
-            self._close()
-            document = metadata.dump({'rosbag2_bagfile_information': info})
-            (self._temporary / metadata.FILE_NAME).write_text(document, encoding='utf-8')
-
-    def _close(self) -> None:
-        # on the disk before it gets its name: what has a name is whole, also after a power cut
-        if self._file is not None:
-            self._file.flush()
-            os.fsync(self._file.fileno())
-            self._file.close()
-
     @contextmanager
-    def _named(self) -> Iterator[None]:
+    def _named_errors(self) -> Iterator[None]:
         try:
             yield
         except OSError as error:
             raise FileError(
-                f'{self.folder}: cannot be written: {error.strerror or error}'
+                f'{self._label}: cannot be written: {error.strerror or error}'
             ) from error
+
+
+@contextmanager
+def create_bag(
+    folder: Path, *, namespace: str = NAMESPACE, compress: bool = True
+) -> Iterator[BagWriter]:
+    """
+    Create a bag folder; yields its writer.
+
+    The folder appears when the block ends. If the block raises, nothing remains.
+
+    folder : must not exist, or be empty
+    namespace, compress : as in ``BagWriter``
+    :raises FileError: the folder is not empty, or cannot be written
+    """
+    with whole_folder(folder) as temporary:
+        bag = BagWriter(temporary, namespace=namespace, compress=compress, label=str(folder))
+        try:
+            yield bag
+            bag.finish()
+        finally:
+            bag.close()

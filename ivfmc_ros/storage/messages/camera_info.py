@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The camera that a sensor_msgs/CameraInfo describes, from a bag or live."""
+"""Converts a sensor_msgs/CameraInfo to a ``Camera``."""
 
 from typing import Any
 
@@ -11,16 +11,17 @@ from ivfmc_ros.cell.camera import DISTORTION_COEFFICIENTS
 from ivfmc_ros.errors import CellError
 
 
-def camera_of(info: Any, where: str = 'camera_info') -> Camera:
+def to_camera(info: Any, where: str = 'camera_info') -> Camera:
     """
-    Return the camera of a CameraInfo; the message of an error begins with ``where``.
+    Return the camera of a sensor_msgs/CameraInfo.
 
-    :raises CellError: it describes none, for example an uncalibrated one
+    where : file and topic, for the error
+    :raises CellError: the message has no valid calibration, as that of an uncalibrated camera
     """
     model = info.distortion_model or 'plumb_bob'
     distortion = np.asarray(info.d, dtype=np.float64)
     if not distortion.any():
-        # a lens without distortion may be given without coefficients
+        # a camera without distortion may omit the coefficients
         distortion = np.zeros(DISTORTION_COEFFICIENTS.get(model, 0))
     try:
         return Camera(

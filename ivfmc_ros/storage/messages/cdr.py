@@ -1,10 +1,9 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-ROS 2 messages as bytes and back, without ROS.
+Serializes ROS 2 messages to CDR and back, without ROS.
 
-What is written follows the message definitions of ROS 2 Jazzy; what is read follows the
-definitions that the bag carries.
+Messages are written by the definitions of ROS 2 Jazzy and read by the definitions in the bag.
 """
 
 from collections.abc import Callable
@@ -29,11 +28,11 @@ HEADER = 'std_msgs/msg/Header'
 
 NANOSECONDS = 1_000_000_000
 
-# what damaged or unsuitable bytes make the decoder raise, older versions of it included
-_DECODING = (SerdeError, struct.error, ValueError, KeyError, IndexError, AssertionError)
+# Exceptions of rosbags, older versions included, for bytes that do not fit the definition.
+_DECODING_ERRORS = (SerdeError, struct.error, ValueError, KeyError, IndexError, AssertionError)
 
-# bytes: what CDR begins with, and a stamp
-_LEADING = 12
+# Size of the CDR encapsulation header (4 bytes) and a stamp (8 bytes).
+_STAMP_END = 12
 
 _SEPARATOR = '=' * 80
 _EVENT_SUFFIX = '_Event'
@@ -41,8 +40,8 @@ _EVENT = """service_msgs/ServiceEventInfo info
 {name}_Request[<=1] request
 {name}_Response[<=1] response
 """
-# Types whose fields the scanner reads.
-_READ = frozenset(
+# Types whose fields this package reads.
+_READ_TYPES = frozenset(
     f'sensor_msgs/msg/{name}'
     for name in ('CameraInfo', 'CompressedImage', 'Image', 'JointState', 'PointCloud2')
 )
@@ -54,19 +53,19 @@ def _jazzy() -> Any:
 
 
 def full_name(name: str) -> str:
-    """Return a type's name as package/msg/Type; 'sensor_msgs/Image' and services' come so too."""
+    """Return a type name as package/msg/Type; accepts 'sensor_msgs/Image' and service events."""
     package, _, rest = name.partition('/')
     return f'{package}/msg/{rest.rpartition("/")[2]}'
 
 
 def knows(msgtype: str) -> bool:
-    """Tell whether a message type such as 'sensor_msgs/msg/Image' is one of Jazzy's."""
+    """Tell whether a type such as 'sensor_msgs/msg/Image' is in ROS 2 Jazzy."""
     return msgtype in _jazzy().fielddefs
 
 
 @cache
 def definition(msgtype: str) -> str:
-    """Return the text of a message definition and of all that it contains (ros2msg)."""
+    """Return a message definition, with those of its fields' types, in ros2msg format."""
     text, _ = _jazzy().generate_msgdef(msgtype, ros_version=2)
     return str(text)
 
@@ -78,7 +77,7 @@ def type_hash(msgtype: str) -> str:
 
 
 def message(msgtype: str, **fields: Any) -> Any:
-    """Return a message; every field is given, arrays of numbers as arrays of the right type."""
+    """Return a message; all fields are needed, numeric arrays as NumPy arrays of their dtype."""
     return _jazzy().types[msgtype](**fields)
 
 
@@ -97,11 +96,11 @@ def stamp_ns(message: Any) -> int:
 
 def leading_stamp_ns(data: bytes) -> int:
     """
-    Return the stamp, in nanoseconds, of an encoded message that begins with a header.
+    Return the stamp, nanoseconds, of an encoded message that begins with a header.
 
-    :raises BagError: it is too short for one
+    :raises BagError: the message is too short
     """
-    if len(data) < _LEADING:
+    if len(data) < _STAMP_END:
         raise BagError(f'{len(data)} bytes have no header')
     order: Literal['little', 'big'] = 'little' if data[1] & 1 else 'big'
     seconds = int.from_bytes(data[4:8], order, signed=True)
@@ -115,13 +114,12 @@ def encode(message: Any) -> bytes:
 
 def decoder(name: str, encoding: str, text: str) -> Callable[[bytes], Any]:
     """
-    Return a function that decodes CDR of either byte order by a bag's own definition.
+    Return a function that decodes CDR of either byte order by a definition.
 
-    name : the type, such as 'sensor_msgs/msg/Image'
-    encoding, text : 'ros2msg' or 'ros2idl', and the definitions in it
-    The function raises BagError for bytes that do not fit the definition.
-
-    :raises BagError: the definition cannot be understood
+    name : type, such as 'sensor_msgs/msg/Image'
+    encoding, text : 'ros2msg' or 'ros2idl', and the definition in that format
+    :returns: function; raises BagError for bytes that do not fit the definition
+    :raises BagError: the definition cannot be parsed, or lacks a field that this package reads
     """
     store = get_typestore(Stores.EMPTY)
     name = full_name(name)
@@ -130,24 +128,24 @@ def decoder(name: str, encoding: str, text: str) -> Callable[[bytes], Any]:
         store.register(types)
         store.get_msgdef(name)
         _require_fields(name, [field for field, _ in store.fielddefs[name][1]])
-    except (TypesysError, *_DECODING) as error:
-        raise BagError(f'the definition of {name} cannot be understood: {error}') from error
+    except (TypesysError, *_DECODING_ERRORS) as error:
+        raise BagError(f'the definition of {name} cannot be parsed: {error}') from error
 
     def decode(data: bytes) -> Any:
         try:
             return store.deserialize_cdr(data, name)
-        except _DECODING as error:
-            raise BagError(f'{len(data)} bytes are no {name}: {error}') from error
+        except _DECODING_ERRORS as error:
+            raise BagError(f'{len(data)} bytes are not a {name}: {error}') from error
 
     return decode
 
 
-def _require_fields(name: str, there: list[str]) -> None:
-    # other types may be of another release of ROS, and are only passed on
-    needed = [field for field, _ in _jazzy().fielddefs[name][1]] if name in _READ else []
-    missing = [field for field in needed if field not in there]
+def _require_fields(name: str, fields: list[str]) -> None:
+    # types that are only passed on may be of another release of ROS
+    needed = [field for field, _ in _jazzy().fielddefs[name][1]] if name in _READ_TYPES else []
+    missing = [field for field in needed if field not in fields]
     if missing:
-        raise ValueError(f'it has no field {missing[0]!r}; its fields are {", ".join(there)}')
+        raise ValueError(f'it has no field {missing[0]!r}; its fields are {", ".join(fields)}')
 
 
 def _parse(name: str, encoding: str, text: str) -> dict[str, Any]:
@@ -164,7 +162,7 @@ def _parse(name: str, encoding: str, text: str) -> dict[str, Any]:
 def _parse_idl(text: str) -> dict[str, Any]:
     types = {}
     for part in text.split(f'{_SEPARATOR}\n'):
-        # each file comes under a line with its name
+        # each definition follows a line 'IDL: <type>'
         body = part.partition('\n')[2] if part.startswith('IDL: ') else part
         if body.strip():
             types.update(get_types_from_idl(body))
@@ -172,16 +170,18 @@ def _parse_idl(text: str) -> dict[str, Any]:
 
 
 def _builtins() -> dict[str, Any]:
-    # some writers leave these out of the text, because no message file defines them
+    # some recorders omit these: no .msg file defines them
     fields = _jazzy().fielddefs
     return {name: fields[name] for name in (TIME, 'builtin_interfaces/msg/Duration')}
 
 
 def _event_definition(name: str, text: str) -> str:
     """
-    Return the definition of a service event; rosbag2 stores that of the service in its place.
+    Return the definition of a service event, made from that of the service.
 
-    name : such as 'std_srvs/msg/Trigger_Event'
+    rosbag2 stores the service's definition for its event topic.
+
+    name : type of the event, such as 'std_srvs/msg/Trigger_Event'
     """
     own, *others = text.split(_SEPARATOR)
     request, _, response = own.partition('\n---\n')

@@ -140,9 +140,9 @@ def test_truncated_jpeg_is_refused(run, tmp_path, pictures):
 
 
 def test_board_that_is_never_found_is_refused(run, tmp_path):
-    (tmp_path / 'grey').mkdir()
-    cv2.imwrite(str(tmp_path / 'grey' / '1.png'), np.full((64, 64), 99, np.uint8))
-    refused(run('camera', 'grey', '--board', CHESSBOARD), 'grey', CHESSBOARD, '--board')
+    (tmp_path / 'gray').mkdir()
+    cv2.imwrite(str(tmp_path / 'gray' / '1.png'), np.full((64, 64), 99, np.uint8))
+    refused(run('camera', 'gray', '--board', CHESSBOARD), 'gray', CHESSBOARD, '--board')
 
 
 def test_too_few_views_are_refused(run, tmp_path, pictures):

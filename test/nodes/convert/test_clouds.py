@@ -20,7 +20,7 @@ FIELDS = ['x', 'y', 'z', 'intensity', 'sigma', 'u', 'v', 'angle', 'laser', 'view
 def a_profile(points=None):
     rng = np.random.default_rng(3)
     points = rng.normal(size=(7, 3)) if points is None else points
-    return make_profile(points, angle=1.25, laser=1, view=3, seq=99).as_sent()
+    return make_profile(points, angle=1.25, laser=1, view=3, seq=99).to_single_precision()
 
 
 def a_view(number=2):
@@ -75,7 +75,7 @@ def test_fields_are_read_by_name_wherever_they_stand():
     profile = a_profile()
     kinds = [(name, '<f8') for name in reversed(FIELDS)]
     records = np.zeros(len(profile), dtype=[('more', '<i2'), *kinds])
-    source = clouds.records_of(clouds.from_profile(profile), '', FIELDS).ravel()
+    source = clouds.to_structured_array(clouds.from_profile(profile), '', FIELDS).ravel()
     for name in FIELDS:
         records[name] = source[name]
     fields = [
@@ -99,7 +99,7 @@ def test_fields_are_read_by_name_wherever_they_stand():
     ('change', 'text'),
     [
         ({'is_bigendian': True}, 'profile: is big-endian'),
-        ({'width': 8}, 'are no 1 x 8 points'),
+        ({'width': 8}, 'are not 1 x 8 points'),
         ({'point_step': 10}, 'points of 10 bytes'),
         ({'row_step': 3}, 'in rows of 3'),
         ({'fields': []}, "field 'x' is missing; fields there: none"),
@@ -116,7 +116,7 @@ def test_a_cloud_that_lies_is_refused_by_name(change, text):
 def test_a_field_that_is_no_number_is_refused_by_name():
     message = clouds.from_profile(a_profile())
     message.fields[0].count = 3
-    with pytest.raises(MessageError, match="'x' is not one number"):
+    with pytest.raises(MessageError, match="'x' is not a single number"):
         clouds.to_profile(message, 'profile')
 
 
@@ -139,7 +139,7 @@ def test_the_cloud_of_all_views_has_their_points_at_their_places():
     message = clouds.from_views(
         [view, view], Poses(turntable_from_view=np.stack([np.eye(4), moved])), 5
     )
-    records = clouds.records_of(message, 'cloud', ('x', 'view')).ravel()
+    records = clouds.to_structured_array(message, 'cloud', ('x', 'view')).ravel()
     count = int(view.valid.sum())
     assert len(records) == 2 * count
     np.testing.assert_allclose(records['x'][count:], records['x'][:count] + 1.0, atol=1e-6)

@@ -16,9 +16,6 @@ from std_srvs.srv import Trigger
 from support.graph_rig import NodeProcess
 from support.graph_rig import running
 
-from ivfmc_ros.nodes.framework.health import Health
-from ivfmc_ros.nodes.framework.health import Level
-
 PLAIN = """
 import sys
 from ivfmc_ros.errors import FileError
@@ -30,7 +27,7 @@ import time
 class Plain(CellNode):
     def __init__(self):
         super().__init__('plain')
-        self.parameter('speed', 1.0, 'Of something.', low=0.0, high=2.0)
+        self.parameter('speed', 1.0, 'Any number.', low=0.0, high=2.0)
         self.subscribe(Header, 'poke', self.poke)
         self.trigger('refuse', self.refuse)
         self.trigger('break', lambda: 1 / 0)
@@ -60,11 +57,11 @@ from ivfmc_ros.nodes.framework.lifecycle import LifecycleCellNode
 class Living(LifecycleCellNode):
     def __init__(self):
         super().__init__('living')
-        self.parameter('device', '', 'A file that has to be there.')
+        self.parameter('device', '', 'Path of a file that must exist.')
 
     def on_configure(self, state):
         if not Path(self.get('device')).exists():
-            raise DeviceError('device: is not there')
+            raise DeviceError('device: does not exist')
 
     def on_deactivate(self, state):
         raise ValueError('stuck')
@@ -78,21 +75,21 @@ import ctypes
 import sys
 from ivfmc_ros.nodes.framework import base
 
-base._PATIENCE = 1.0
+base._SHUTDOWN_S = 1.0
 
 class Hanging(base.CellNode):
     def __init__(self):
         super().__init__('plain')
 
     def stop(self):
-        # keeps the interpreter's lock, so that no thread runs any more
+        # holds the GIL, so that no other thread runs
         ctypes.PyDLL(None).sleep(60)
 
 sys.exit(base.run(Hanging))
 """
 
 
-def test_node_that_hangs_at_its_end_is_gone_all_the_same(client, script):
+def test_node_that_hangs_at_shutdown_is_killed(client, script):
     script(HANGING)
     node = NodeProcess('plain')
     client.until(lambda: client.diagnostic('plain'))
@@ -101,7 +98,7 @@ def test_node_that_hangs_at_its_end_is_gone_all_the_same(client, script):
     assert time.monotonic() - begin < 10.0
 
 
-def test_answers_are_json_with_the_code_of_what_went_wrong(client, script):
+def test_responses_are_json_with_the_code_of_the_error(client, script):
     script(PLAIN)
     with running('plain'):
         assert client.trigger('plain/refuse') == (
@@ -114,7 +111,7 @@ def test_answers_are_json_with_the_code_of_what_went_wrong(client, script):
         assert client.trigger('top') == (True, {'code': 'OK', 'here': True})
 
 
-def test_a_callback_that_raises_is_a_diagnostic_until_it_works_again(client, script):
+def test_callback_that_raises_is_a_fault_until_it_succeeds_again(client, script):
     script(PLAIN)
     with running('plain'):
         poke = client.publisher(Header, 'poke')
@@ -125,7 +122,7 @@ def test_a_callback_that_raises_is_a_diagnostic_until_it_works_again(client, scr
         client.until(lambda: 'poked hard' not in client.diagnostic('plain'))
 
 
-def test_the_heart_beats_on_while_a_service_waits(client, script):
+def test_heartbeat_continues_while_a_service_waits(client, script):
     script(PLAIN)
     beats = []
     with running('plain'):
@@ -139,11 +136,11 @@ def test_the_heart_beats_on_while_a_service_waits(client, script):
         future = requests.call_async(Trigger.Request())
         client.until(future.done)
         assert json.loads(future.result().message) == {'code': 'OK', 'slept': 1.0}
-        # 10 a second are sent, 5 a second are promised
+        # published at 10 Hz; the interface promises 5 Hz
         assert len(beats) - before >= 5
 
 
-def test_a_parameter_on_the_command_line_that_cannot_be_is_refused_by_name(script):
+def test_invalid_parameter_of_the_command_line_is_rejected_by_name(script):
     script(PLAIN)
     node = NodeProcess('plain', speed=7.0)
     node.process.wait(60)
@@ -151,26 +148,26 @@ def test_a_parameter_on_the_command_line_that_cannot_be_is_refused_by_name(scrip
     assert 'parameter speed' in node.output
 
 
-def test_a_parameter_that_the_node_has_not_is_named_and_the_one_that_is_meant(client, script):
+def test_unknown_parameter_is_named_with_the_similar_one(client, script):
     script(PLAIN)
     node = NodeProcess('plain', sped=1.0, other__thing=2.0)
     client.until(lambda: client.node.count_publishers('plain/heartbeat'), 20.0)
     assert node.end() == 0
-    assert "parameter 'sped' is not one of plain; is 'speed' meant?" in node.output
-    assert "parameter 'other.thing' is not one of plain" in node.output
+    assert "parameter 'sped' is unknown to plain; did you mean 'speed'?" in node.output
+    assert "parameter 'other.thing' is unknown to plain" in node.output
 
 
-def test_a_device_that_comes_late_is_taken_up(client, script, tmp_path):
+def test_device_that_appears_late_is_activated(client, script, tmp_path):
     script(LIVING)
     device = tmp_path / 'device'
     with running('living', device=str(device)):
-        client.until(lambda: 'device: is not there' in client.diagnostic('living'))
+        client.until(lambda: 'device: does not exist' in client.diagnostic('living'))
         device.touch()
         client.until(lambda: state(client) == 'active')
-        client.until(lambda: 'device: is not there' not in client.diagnostic('living'))
+        client.until(lambda: 'device: does not exist' not in client.diagnostic('living'))
 
 
-def test_no_transition_can_end_a_node(client, script, tmp_path):
+def test_no_lifecycle_transition_ends_a_node(client, script, tmp_path):
     script(LIVING)
     device = tmp_path / 'device'
     device.touch()
@@ -179,7 +176,7 @@ def test_no_transition_can_end_a_node(client, script, tmp_path):
         assert not change(client, 'configure')
         assert not change(client, 'fly')
         assert state(client) == 'active'
-        # what it raises is reported, and the node can be brought up again
+        # the exception is reported, and the node can be configured again
         assert not change(client, 'deactivate')
         client.until(lambda: 'ValueError: stuck' in client.diagnostic('living'))
         assert state(client) == 'unconfigured'
@@ -199,7 +196,7 @@ def change(client, label):
 
 
 @pytest.mark.parametrize('name', ['triangulator', 'registrar', 'mesher'])
-def test_every_parameter_is_described_and_every_number_has_a_range_or_a_rule(client, name):
+def test_every_parameter_has_a_description_and_every_number_a_range_or_constraint(client, name):
     with running(name):
         listed = client.call(ListParameters, f'{name}/list_parameters', ListParameters.Request())
         request = DescribeParameters.Request(names=listed.result.names)
@@ -216,16 +213,3 @@ def test_every_parameter_is_described_and_every_number_has_a_range_or_a_rule(cli
         d.floating_point_range or d.integer_range or d.additional_constraints for d in numbers
     ]
     assert all(ranged)
-
-
-def test_conditions_are_told_once_and_when_they_are_over():
-    told = []
-    health = Health(lambda *what: told.append(what))
-    health.set('joints', Level.WARN, 'none')
-    health.set('joints', Level.WARN, 'none')
-    health.set('board', Level.ERROR, 'lost')
-    assert health.worst() == (Level.ERROR, 'lost')
-    health.clear('board')
-    health.clear('board')
-    assert health.worst() == (Level.WARN, 'none')
-    assert [name for name, _, _ in told] == ['joints', 'board', 'board']

@@ -9,20 +9,20 @@ from support.sweep import Turn
 from support.synthetic import make_profile
 
 from ivfmc_ros.registration.views.motion_fit import refit
-from ivfmc_ros.storage.frame_matching import Matcher
-from ivfmc_ros.storage.frame_matching import MatchSettings
+from ivfmc_ros.storage.matching.frame_matching import FrameMatcher
+from ivfmc_ros.storage.matching.frame_matching import MatchSettings
 
 
 def profiles_of(turn, *, rate=10.0, shots=None, seed=0, view=0):
     """Profiles with the angles that reports give; the point is at x = 50 mm in the base."""
     shots = np.arange(0.0, 19.0, 1 / 30) if shots is None else shots
-    matcher = Matcher(['left'], MatchSettings(always_on=True))
+    matcher = FrameMatcher(['left'], MatchSettings(always_on=True))
     for stamp, position in reports(turn, rate, 21.0, seed):
-        matcher.table(stamp, position)
+        matcher.add_table_position(stamp, position)
     for shot in shots:
-        matcher.picture(START + round(shot * SECOND), shot)
+        matcher.add_image(START + round(shot * SECOND), shot)
     found = []
-    for seq, match in enumerate(matcher.ready()):
+    for seq, match in enumerate(matcher.pop_matches()):
         c, s = np.cos(match.angle), np.sin(match.angle)
         profile = make_profile(
             [[0.05 * c, -0.05 * s, 0.01]], angle=match.angle, seq=seq, view=view

@@ -19,7 +19,7 @@ def _write(folder, **changes):
     return folder
 
 
-def test_files_of_a_split_bag_come_in_order(tmp_path):
+def test_files_of_a_split_bag_are_in_order(tmp_path):
     assert bag_files(_write(tmp_path)) == [tmp_path / 'b_0.mcap', tmp_path / 'b_1.mcap']
 
 
@@ -38,14 +38,14 @@ def test_bag_without_files_is_refused(tmp_path):
         bag_files(_write(tmp_path, relative_file_paths=[]))
 
 
-@pytest.mark.parametrize(('text', 'problem'), [('{', 'is not YAML'), ('a: 1', 'is missing')])
-def test_metadata_that_is_none_is_named(tmp_path, text, problem):
+@pytest.mark.parametrize(('text', 'problem'), [('{', 'is not valid YAML'), ('a: 1', 'is missing')])
+def test_invalid_metadata_is_named(tmp_path, text, problem):
     (tmp_path / 'metadata.yaml').write_text(text)
     with pytest.raises(BagError, match=rf'metadata\.yaml: .*{problem}'):
         bag_files(tmp_path)
 
 
-def test_folder_that_is_no_bag_is_named(tmp_path):
-    with pytest.raises(BagError, match=r'has no metadata\.yaml and is no bag') as caught:
+def test_folder_that_is_not_a_bag_is_named(tmp_path):
+    with pytest.raises(BagError, match=r'has no metadata\.yaml and is not a bag') as caught:
         bag_files(tmp_path)
     assert str(tmp_path) in str(caught.value)

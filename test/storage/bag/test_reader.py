@@ -10,13 +10,13 @@ from ivfmc_ros.errors import BagError
 from ivfmc_ros.storage.bag.reader import Bag
 from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.bag.reader import Topic
-from ivfmc_ros.storage.messages import build
+from ivfmc_ros.storage.messages import sensor_messages
 
-JOINT = build.JOINT_STATE
+JOINT = sensor_messages.JOINT_STATE
 
 
 def _joints(count):
-    return [build.joint_state(index, {'turntable_joint': 0.1}) for index in range(count)]
+    return [sensor_messages.joint_state(index, {'turntable_joint': 0.1}) for index in range(count)]
 
 
 def _cut(path, keep):
@@ -77,7 +77,7 @@ def test_split_bag_is_one(write_bag, tmp_path):
 
 
 @pytest.mark.parametrize('content', [b'', b'hello', b'SQLite format 3\0' + b'\0' * 100])
-def test_file_that_is_no_mcap_is_named(tmp_path, content):
+def test_file_that_is_not_mcap_is_named(tmp_path, content):
     (tmp_path / 'x.mcap').write_bytes(content)
     with pytest.raises(BagError, match=r'x\.mcap: is not an MCAP file'):
         open_bag(tmp_path / 'x.mcap')
@@ -92,7 +92,7 @@ def test_missing_file_is_named(tmp_path, write_bag):
         open_bag(folder)
 
 
-def test_truncated_file_tells_what_can_be_read(write_mcap):
+def test_truncated_file_is_refused_with_the_readable_counts(write_mcap):
     whole = write_mcap(('/joint_states', JOINT, _joints(400)), chunk_size=4000)
     cut = _cut(whole, whole.stat().st_size // 2)
     with pytest.raises(
@@ -149,7 +149,7 @@ def test_unknown_encoding_of_all_is_refused_by_name(write_mcap):
     ('changes', 'problem'),
     [
         ({'encoding': 'json'}, "/odd: is encoded as 'json', only cdr can be read"),
-        ({'definition': '???'}, '/odd: the definition of mine/msg/Odd cannot be understood'),
+        ({'definition': '???'}, '/odd: the definition of mine/msg/Odd cannot be parsed'),
         ({'schema_encoding': 'protobuf'}, "its encoding is 'protobuf', known are ros2msg"),
     ],
 )
@@ -164,7 +164,7 @@ def test_topic_that_cannot_be_decoded_is_named(changes, problem):
 
 def test_missing_schema_is_named(write_mcap):
     path = write_mcap(('/a', JOINT, _joints(1)), ('/b', None, [b'\0\1\0\0']))
-    with pytest.raises(BagError, match='/b: the bag has no definition'):
+    with pytest.raises(BagError, match='/b: the bag has no message definition'):
         open_bag(path).decoder('/b')
 
 
@@ -172,7 +172,7 @@ def test_message_that_does_not_fit_is_named(write_mcap):
     path = write_mcap(('/a', JOINT, [*_joints(2), b'\0\1\0\0\1']))
     bag = open_bag(path)
     decode = bag.decoder('/a')
-    with pytest.raises(BagError, match=r'foreign\.mcap: /a, message 2: 5 bytes are no '):
+    with pytest.raises(BagError, match=r'foreign\.mcap: /a, message 2: 5 bytes are not a '):
         [decode(raw) for raw in bag.messages(['/a'])]
 
 
@@ -194,7 +194,7 @@ def test_message_that_does_not_fit_is_named(write_mcap):
         ),
     ],
 )
-def test_bags_of_others_are_read(data_dir, name, counts):
+def test_bags_of_other_recorders_are_read(data_dir, name, counts):
     bag = open_bag(data_dir / 'bags' / f'{name}.mcap')
     assert {name: topic.count for name, topic in bag.topics.items()} == counts
     decoders = {topic: bag.decoder(topic) for topic in counts}
@@ -202,7 +202,7 @@ def test_bags_of_others_are_read(data_dir, name, counts):
     assert len(decoded) == sum(counts.values())
 
 
-def test_decoded_message_of_others_says_what_it_said(data_dir):
+def test_decoded_messages_of_other_recorders_have_their_content(data_dir):
     bag = open_bag(data_dir / 'bags' / 'talker.mcap')
     decode = bag.decoder('/topic')
     said = [decode(raw).data for raw in bag.messages(['/topic'])]

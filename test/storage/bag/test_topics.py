@@ -7,7 +7,7 @@ import pytest
 from ivfmc_ros.errors import BagError
 from ivfmc_ros.storage.bag.reader import Bag
 from ivfmc_ros.storage.bag.reader import Topic
-from ivfmc_ros.storage.bag.topics import find_roles
+from ivfmc_ros.storage.bag.topics import find_scan_topics
 
 IMAGE = 'sensor_msgs/msg/Image'
 SCAN = {
@@ -30,17 +30,17 @@ def _bag(topics, empty=()):
 
 @pytest.mark.parametrize('prefix', ['', '/ivfmc', '/a/b'])
 def test_topics_are_found_in_any_namespace(prefix):
-    roles = find_roles(_bag({prefix + name: kind for name, kind in SCAN.items()}))
+    roles = find_scan_topics(_bag({prefix + name: kind for name, kind in SCAN.items()}))
     assert roles.image.name == f'{prefix}/image_raw'
     assert roles.joint_states.name == f'{prefix}/joint_states'
     assert roles.camera_info.name == f'{prefix}/camera_info'
     assert roles.laser_states is None
 
 
-def test_compressed_pictures_are_found():
+def test_compressed_images_are_found():
     topics = {'/c/image_raw/compressed': 'sensor_msgs/msg/CompressedImage', **SCAN}
     del topics['/image_raw']
-    assert find_roles(_bag(topics)).image.name == '/c/image_raw/compressed'
+    assert find_scan_topics(_bag(topics)).image.name == '/c/image_raw/compressed'
 
 
 def test_name_alone_or_type_alone_is_not_enough():
@@ -49,28 +49,31 @@ def test_name_alone_or_type_alone_is_not_enough():
         '/x/joint_states': 'std_msgs/msg/String',
         '/my_image_raw': SCAN['/image_raw'],
     }
-    assert find_roles(_bag(topics)).joint_states.name == '/joint_states'
+    assert find_scan_topics(_bag(topics)).joint_states.name == '/joint_states'
 
 
 def test_old_type_names_are_understood():
-    assert find_roles(_bag({**SCAN, '/image_raw': 'sensor_msgs/Image'})).image.name == '/image_raw'
+    assert (
+        find_scan_topics(_bag({**SCAN, '/image_raw': 'sensor_msgs/Image'})).image.name
+        == '/image_raw'
+    )
 
 
 def test_two_candidates_are_both_named():
     topics = {**SCAN, '/image_raw/compressed': 'sensor_msgs/msg/CompressedImage'}
     with pytest.raises(BagError, match='/image_raw and /image_raw/compressed could each be'):
-        find_roles(_bag(topics))
+        find_scan_topics(_bag(topics))
 
 
 def test_topic_without_messages_is_no_candidate():
     topics = {**SCAN, '/image_raw/compressed': 'sensor_msgs/msg/CompressedImage'}
-    roles = find_roles(_bag(topics, empty=['/image_raw/compressed']))
+    roles = find_scan_topics(_bag(topics, empty=['/image_raw/compressed']))
     assert roles.image.name == '/image_raw'
 
 
-def test_choice_of_the_user_decides():
+def test_topics_that_the_user_chose_are_used():
     topics = {**SCAN, '/left/image_raw': SCAN['/image_raw'], '/odd': SCAN['/joint_states']}
-    roles = find_roles(_bag(topics), {'image': '/left/image_raw', 'laser_states': '/odd'})
+    roles = find_scan_topics(_bag(topics), {'image': '/left/image_raw', 'laser_states': '/odd'})
     assert (roles.image.name, roles.laser_states.name) == ('/left/image_raw', '/odd')
 
 
@@ -78,7 +81,7 @@ def test_choice_of_the_user_decides():
 def test_missing_topic_is_named_with_those_there_are(lacking):
     topics = {name: kind for name, kind in SCAN.items() if name != lacking}
     with pytest.raises(BagError, match=rf'no topic {lacking[1:]} \(.*it has /camera_info \('):
-        find_roles(_bag(topics))
+        find_scan_topics(_bag(topics))
 
 
 @pytest.mark.parametrize(
@@ -92,4 +95,4 @@ def test_missing_topic_is_named_with_those_there_are(lacking):
 )
 def test_wrong_choice_is_named(named, problem):
     with pytest.raises(BagError, match=problem):
-        find_roles(_bag({**SCAN, '/empty': SCAN['/image_raw']}, empty=['/empty']), named)
+        find_scan_topics(_bag({**SCAN, '/empty': SCAN['/image_raw']}, empty=['/empty']), named)

@@ -12,12 +12,16 @@ import yaml
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.bag.writer import BagWriter
-from ivfmc_ros.storage.messages import build
+from ivfmc_ros.storage.bag.writer import create_bag
+from ivfmc_ros.storage.bag.writer import PART_NAME
 from ivfmc_ros.storage.messages import cdr
+from ivfmc_ros.storage.messages import sensor_messages
+
+HEADER = 'std_msgs/msg/Header'
 
 
 def _full(folder, camera, picture, jpeg):
-    with BagWriter(folder) as bag:
+    with create_bag(folder) as bag:
         bag.joint_state(1_000_000_000, 'turntable_joint', 0.25, velocity=0.5)
         bag.laser_state(1_100_000_000, {'left': True, 'right': False})
         bag.camera_info(2_000_000_000, camera)
@@ -106,7 +110,7 @@ def test_same_content_gives_same_bytes(write_bag):
 
 @pytest.mark.parametrize('error', [RuntimeError, KeyboardInterrupt])
 def test_nothing_is_left_of_a_bag_that_failed(tmp_path, picture, error):
-    with pytest.raises(error), BagWriter(tmp_path / 'bag') as bag:
+    with pytest.raises(error), create_bag(tmp_path / 'bag') as bag:
         bag.image(1, picture())
         assert not (tmp_path / 'bag').exists()
         raise error
@@ -119,7 +123,7 @@ def test_nothing_is_left_when_the_disk_is_full(tmp_path, picture, monkeypatch):
 
     monkeypatch.setattr(os, 'fsync', full)
     refused = pytest.raises(FileError, match='bag: cannot be written: No space left')
-    with refused, BagWriter(tmp_path / 'bag') as bag:
+    with refused, create_bag(tmp_path / 'bag') as bag:
         bag.image(1, picture())
     assert _left_in(tmp_path) == []
 
@@ -133,13 +137,13 @@ def test_existing_target_is_refused(tmp_path, kind):
     else:
         target.write_text('mine')
     with pytest.raises(FileError, match='bag: exists already and is not overwritten'):
-        BagWriter(target).__enter__()
+        create_bag(target).__enter__()
     assert _left_in(tmp_path) == ['bag']
 
 
 def test_target_that_appears_meanwhile_is_kept(tmp_path, picture):
     refused = pytest.raises(FileError, match='bag: cannot be written: Directory not empty')
-    with refused, BagWriter(tmp_path / 'bag') as bag:
+    with refused, create_bag(tmp_path / 'bag') as bag:
         bag.image(1, picture())
         (tmp_path / 'bag').mkdir()
         (tmp_path / 'bag' / 'scan.mcap').write_text('mine')
@@ -150,7 +154,7 @@ def test_target_that_appears_meanwhile_is_kept(tmp_path, picture):
 def test_parent_that_is_no_folder_is_named(tmp_path):
     (tmp_path / 'file').touch()
     with pytest.raises(FileError, match='file/bag: cannot be written: '):
-        BagWriter(tmp_path / 'file' / 'bag').__enter__()
+        create_bag(tmp_path / 'file' / 'bag').__enter__()
 
 
 def test_bag_is_as_readable_as_any_new_folder(tmp_path, write_bag):
@@ -159,11 +163,11 @@ def test_bag_is_as_readable_as_any_new_folder(tmp_path, write_bag):
 
 
 def test_raw_bytes_are_written_as_they_are(tmp_path):
-    data = cdr.encode(build.joint_state(5, {'a': 1.0}))
-    with BagWriter(tmp_path / 'bag', namespace='/cell') as bag:
-        bag.raw('joint_states', build.JOINT_STATE, data, 5)
-        bag.raw('/tf', build.JOINT_STATE, data, 6)
-        bag.raw('own', 'mine/msg/Own', b'\0\1\0\0\7', 7, definition='uint8 value\n')
+    data = cdr.encode(sensor_messages.joint_state(5, {'a': 1.0}))
+    with create_bag(tmp_path / 'bag', namespace='/cell') as bag:
+        bag.write('joint_states', sensor_messages.JOINT_STATE, data, 5)
+        bag.write('/tf', sensor_messages.JOINT_STATE, data, 6)
+        bag.write('own', 'mine/msg/Own', b'\0\1\0\0\7', 7, definition='uint8 value\n')
     bag = open_bag(tmp_path / 'bag')
     assert set(bag.topics) == {'/cell/joint_states', '/tf', '/cell/own'}
     raw = next(bag.messages(['/tf']))
@@ -173,19 +177,39 @@ def test_raw_bytes_are_written_as_they_are(tmp_path):
 
 def test_type_that_is_not_known_needs_its_definition(tmp_path):
     refused = pytest.raises(FileError, match='/ivfmc/own: no definition of mine/msg/Own is known')
-    with refused, BagWriter(tmp_path / 'bag') as bag:
-        bag.raw('own', 'mine/msg/Own', b'', 7)
+    with refused, create_bag(tmp_path / 'bag') as bag:
+        bag.write('own', 'mine/msg/Own', b'', 7)
     assert _left_in(tmp_path) == []
 
 
 def test_topic_keeps_its_type(tmp_path, picture):
     refused = pytest.raises(FileError, match='image_raw: holds sensor_msgs/msg/Image, not std')
-    with refused, BagWriter(tmp_path / 'bag') as bag:
+    with refused, create_bag(tmp_path / 'bag') as bag:
         bag.image(1, picture())
-        bag.raw('image_raw', 'std_msgs/msg/Header', b'', 2)
+        bag.write('image_raw', 'std_msgs/msg/Header', b'', 2)
 
 
 def test_empty_bag_can_be_read(tmp_path):
-    with BagWriter(tmp_path / 'bag'):
+    with create_bag(tmp_path / 'bag'):
         pass
     assert open_bag(tmp_path / 'bag').message_count == 0
+
+
+def test_bag_that_grows_can_be_read_up_to_its_last_chunk(tmp_path, picture):
+    bag = BagWriter(tmp_path)
+    assert bag.flush() is None
+    data = cdr.encode(cdr.header(0, ''))
+    assert [bag.write('/a', HEADER, data, stamp) for stamp in (1, 2)] == [0, 1]
+    assert bag.flush() > 0
+    bag.write('/a', HEADER, data, 3)
+    assert open_bag(tmp_path / PART_NAME, salvage=True).topics['/a'].count == 2
+    bag.close()
+    assert _left_in(tmp_path) == [PART_NAME]
+
+
+def test_bag_that_grows_gets_its_name_at_the_end(tmp_path):
+    bag = BagWriter(tmp_path)
+    assert bag.finish() == tmp_path / 'scan.mcap'
+    assert _left_in(tmp_path) == ['metadata.yaml', 'scan.mcap']
+    with pytest.raises(FileError, match=r'scan\.mcap: exists already'):
+        BagWriter(tmp_path)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ivfmc_ros.errors import BagError
-from ivfmc_ros.storage.messages import build
 from ivfmc_ros.storage.messages import cdr
+from ivfmc_ros.storage.messages import sensor_messages
 
 STAMP = 1_700_000_000_123_456_789
 
@@ -34,13 +34,13 @@ def _decoder(msgtype):
 
 
 def test_joint_state_has_golden_bytes():
-    message = build.joint_state(STAMP, {'axis': 0.5}, velocity=-2.0)
+    message = sensor_messages.joint_state(STAMP, {'axis': 0.5}, velocity=-2.0)
     assert cdr.encode(message) == _joint_state('<')
 
 
 @pytest.mark.parametrize('order', ['<', '>'])
 def test_both_byte_orders_are_read(order):
-    message = _decoder(build.JOINT_STATE)(_joint_state(order))
+    message = _decoder(sensor_messages.JOINT_STATE)(_joint_state(order))
     assert cdr.stamp_ns(message) == STAMP
     assert message.name == ['axis']
     assert list(message.position) == [0.5]
@@ -54,11 +54,11 @@ def test_image_has_golden_bytes():
     body += b'\0' * (-len(body) % 4) + struct.pack('<II', 2, 3) + _string('mono8')
     body += b'\0' + b'\0' * (-(len(body) + 1) % 4) + struct.pack('<I', 3)
     body += struct.pack('<I', 6) + bytes(range(6))
-    assert cdr.encode(build.image(STAMP, image)) == b'\0\1\0\0' + body
+    assert cdr.encode(sensor_messages.image(STAMP, image)) == b'\0\1\0\0' + body
 
 
 def test_type_hash_is_that_of_jazzy():
-    assert cdr.type_hash(build.IMAGE) == (
+    assert cdr.type_hash(sensor_messages.IMAGE) == (
         'RIHS01_d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47'
     )
 
@@ -77,17 +77,17 @@ def test_type_names_are_completed(name, full):
 
 @pytest.mark.parametrize('keep', [0, 3, 4, 20, 60, -9])
 def test_cut_message_is_refused(keep):
-    with pytest.raises(BagError, match='bytes are no sensor_msgs/msg/JointState'):
-        _decoder(build.JOINT_STATE)(_joint_state('<')[:keep])
+    with pytest.raises(BagError, match='bytes are not a sensor_msgs/msg/JointState'):
+        _decoder(sensor_messages.JOINT_STATE)(_joint_state('<')[:keep])
 
 
 def test_cut_picture_is_refused():
-    data = cdr.encode(build.image(STAMP, np.zeros((20, 30), np.uint8)))
-    with pytest.raises(BagError, match='bytes are no sensor_msgs/msg/Image'):
-        _decoder(build.IMAGE)(data[:-100])
+    data = cdr.encode(sensor_messages.image(STAMP, np.zeros((20, 30), np.uint8)))
+    with pytest.raises(BagError, match='bytes are not a sensor_msgs/msg/Image'):
+        _decoder(sensor_messages.IMAGE)(data[:-100])
 
 
-def test_bags_own_definition_is_followed():
+def test_definition_in_the_bag_is_used():
     decode = cdr.decoder(
         'mine/msg/Point',
         'ros2msg',
@@ -99,12 +99,12 @@ def test_bags_own_definition_is_followed():
     assert (message.x, message.unit.unit) == (1.5, 1)
 
 
-def test_time_that_the_definition_leaves_out_is_known():
+def test_omitted_definition_of_time_is_known():
     decode = cdr.decoder('mine/msg/When', 'ros2msg', 'builtin_interfaces/Time at\n')
     assert decode(b'\0\1\0\0' + struct.pack('<iI', 7, 8)).at.nanosec == 8
 
 
-def test_idl_definition_is_followed():
+def test_idl_definition_is_used():
     text = f'{"=" * 80}\nIDL: mine/msg/Number\nmodule mine {{ module msg {{ struct Number {{ ' + (
         'double value; }; }; };\n'
     )
@@ -116,8 +116,8 @@ def test_idl_definition_is_followed():
     ('encoding', 'text'),
     [('ros2msg', '???'), ('ros2msg', 'mine/Missing field\n'), ('protobuf', 'x'), ('ros2idl', '?')],
 )
-def test_definition_that_cannot_be_understood_is_named(encoding, text):
-    with pytest.raises(BagError, match='definition of mine/msg/Thing cannot be understood'):
+def test_definition_that_cannot_be_parsed_is_named(encoding, text):
+    with pytest.raises(BagError, match='definition of mine/msg/Thing cannot be parsed'):
         cdr.decoder('mine/msg/Thing', encoding, text)(b'\0\1\0\0')
 
 
@@ -133,8 +133,8 @@ def test_message_too_short_for_a_header_is_refused():
         cdr.leading_stamp_ns(b'\0\1\0')
 
 
-def test_service_event_is_read_by_the_service():
-    # rosbag2 stores the definition of the service, and not that of the event
+def test_service_event_is_decoded_by_the_definition_of_the_service():
+    # rosbag2 stores the definition of the service instead of the event
     text = 'bool data\n---\nbool success\nstring message\n'
     decode = cdr.decoder('std_srvs/srv/SetBool_Event', 'ros2msg', text)
     info = struct.pack('<B3xiI', 1, 7, 8) + bytes(range(16)) + b'\0' * 4 + struct.pack('<q', 3)

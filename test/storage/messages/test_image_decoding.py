@@ -9,7 +9,7 @@ import pytest
 
 from ivfmc_ros.errors import BagError
 from ivfmc_ros.errors import FileError
-from ivfmc_ros.storage.messages import build
+from ivfmc_ros.storage.messages import sensor_messages
 from ivfmc_ros.storage.messages.image_decoding import decode_compressed
 from ivfmc_ros.storage.messages.image_decoding import decode_image
 
@@ -40,9 +40,9 @@ def _random(*shape, dtype=np.uint8):
         ((6, 8, 3), np.uint16),
     ],
 )
-def test_what_is_written_comes_back(shape, dtype):
+def test_written_image_is_read_unchanged(shape, dtype):
     image = _random(*shape, dtype=dtype)
-    read = decode_image(build.image(0, image), 'x')
+    read = decode_image(sensor_messages.image(0, image), 'x')
     assert read.dtype == dtype
     np.testing.assert_array_equal(read, image)
 
@@ -57,13 +57,13 @@ def test_what_is_written_comes_back(shape, dtype):
         ('rgba8', [2, 1, 0]),
     ],
 )
-def test_colours_come_as_bgr(encoding, order):
+def test_colors_are_returned_as_bgr(encoding, order):
     pixels = _random(6, 8, 4 if 'a' in encoding else 3)
     image = decode_image(_message(encoding, pixels), 'x')
     np.testing.assert_array_equal(image, pixels[..., order])
 
 
-def test_rgb16_comes_as_bgr():
+def test_rgb16_is_returned_as_bgr():
     pixels = _random(6, 8, 3, dtype=np.uint16)
     np.testing.assert_array_equal(decode_image(_message('rgb16', pixels), 'x'), pixels[..., ::-1])
 
@@ -94,9 +94,9 @@ def test_array_of_a_live_message_is_read():
 
 @pytest.mark.parametrize('pattern', ['rggb', 'bggr', 'gbrg', 'grbg'])
 @pytest.mark.parametrize('dtype', [np.uint8, np.uint16])
-@pytest.mark.parametrize(('colour', 'channel'), [('b', 0), ('g', 1), ('r', 2)])
-def test_bayer_patterns_keep_their_colours(pattern, dtype, colour, channel):
-    lit = np.array([letter == colour for letter in pattern]).reshape(2, 2)
+@pytest.mark.parametrize(('color', 'channel'), [('b', 0), ('g', 1), ('r', 2)])
+def test_bayer_patterns_keep_their_colors(pattern, dtype, color, channel):
+    lit = np.array([letter == color for letter in pattern]).reshape(2, 2)
     mosaic = np.tile(lit, (8, 8)).astype(dtype) * 200
     image = decode_image(_message(f'bayer_{pattern}{mosaic.itemsize * 8}', mosaic), 'x')
     inner = image[4:-4, 4:-4]
@@ -105,7 +105,7 @@ def test_bayer_patterns_keep_their_colours(pattern, dtype, colour, channel):
 
 
 @pytest.mark.parametrize('encoding', ['uyvy', 'yuv422', 'yuv422_yuy2', 'yuyv'])
-def test_yuv_keeps_colour_and_brightness(encoding):
+def test_yuv_keeps_color_and_brightness(encoding):
     green = np.full((6, 8, 3), (40, 180, 60), np.uint8)
     y, u, v = cv2.split(cv2.cvtColor(green, cv2.COLOR_BGR2YUV))
     # video range, as cameras send it
@@ -123,8 +123,8 @@ def test_yuv_keeps_colour_and_brightness(encoding):
 def test_wrong_size_is_named(change):
     message = _message('mono8', _random(6, 8))
     vars(message).update(change)
-    with pytest.raises(BagError, match=r'^/cam, picture 3: 48 bytes in rows of \d are no'):
-        decode_image(message, '/cam, picture 3')
+    with pytest.raises(BagError, match=r'^/cam, image 3: 48 bytes in rows of \d are not a'):
+        decode_image(message, '/cam, image 3')
 
 
 def test_unknown_encoding_is_named():
@@ -133,25 +133,25 @@ def test_unknown_encoding_is_named():
 
 
 def test_yuv_of_odd_width_is_named():
-    with pytest.raises(BagError, match='7 x 6 pixels are no uyvy picture'):
+    with pytest.raises(BagError, match='7 x 6 pixels are not a uyvy image'):
         decode_image(_message('uyvy', _random(6, 7, 2)), 'x')
 
 
 @pytest.mark.parametrize('suffix', ['.jpg', '.png'])
-def test_compressed_pictures_are_decoded(suffix):
+def test_compressed_images_are_decoded(suffix):
     image = cv2.GaussianBlur(_random(48, 64), (9, 9), 0)
     data = cv2.imencode(suffix, image)[1].tobytes()
-    read = decode_compressed(build.compressed_image(0, data, suffix[1:]), 'x')
+    read = decode_compressed(sensor_messages.compressed_image(0, data, suffix[1:]), 'x')
     np.testing.assert_allclose(read, image, atol=0 if suffix == '.png' else 12)
 
 
 def test_truncated_jpeg_is_named():
     data = cv2.imencode('.jpg', _random(48, 64))[1].tobytes()[:-100]
-    with pytest.raises(FileError, match=r'^/cam, picture 3: the picture is cut off'):
-        decode_compressed(build.compressed_image(0, data, 'jpeg'), '/cam, picture 3')
+    with pytest.raises(FileError, match=r'^/cam, image 3: the picture is cut off'):
+        decode_compressed(sensor_messages.compressed_image(0, data, 'jpeg'), '/cam, image 3')
 
 
 def test_other_compression_is_named():
-    message = build.compressed_image(0, b'\x1f\x8b123', '16UC1; compressedDepth rvl')
+    message = sensor_messages.compressed_image(0, b'\x1f\x8b123', '16UC1; compressedDepth rvl')
     with pytest.raises(BagError, match="format '16UC1; compressedDepth rvl' cannot be read"):
         decode_compressed(message, 'x')

@@ -1,0 +1,59 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Detects lost nodes by the time since their last heartbeat on a monotonic clock."""
+
+from collections.abc import Callable
+from collections.abc import Iterable
+import time
+
+from ivfmc_ros.errors import HelperError
+from ivfmc_ros.errors import ParameterError
+
+
+class LivenessMonitor:
+    """
+    Ages of the last heartbeat, or joint state, of every node of a cell.
+
+    Ages are measured on the receiver's clock, never by message stamps: the clocks of the machines
+    of a cell differ, and simulated time can stand still.
+    """
+
+    def __init__(self, timeout_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+        """
+        Start without heartbeats: every node is lost until its first one.
+
+        timeout_s : seconds without a heartbeat after which a node is lost
+        :raises ParameterError: the timeout is not a positive number
+        """
+        if not timeout_s > 0.0:
+            raise ParameterError(f'limit: {timeout_s} s is not a positive time')
+        self.timeout_s = timeout_s
+        self._clock = clock
+        self._last_heartbeat_s: dict[str, float] = {}
+
+    def heartbeat(self, name: str) -> None:
+        """Store the time of a heartbeat of the node ``name``."""
+        self._last_heartbeat_s[name] = self._clock()
+
+    def age_s(self, name: str) -> float:
+        """Return the seconds since the last heartbeat of a node; infinity without one."""
+        last = self._last_heartbeat_s.get(name)
+        return float('inf') if last is None else self._clock() - last
+
+    def lost(self, names: Iterable[str]) -> list[str]:
+        """Return those of ``names`` whose last heartbeat is older than the timeout."""
+        return [name for name in names if self.age_s(name) > self.timeout_s]
+
+    def require_alive(self, names: Iterable[str]) -> None:
+        """:raises HelperError: a node is lost; the code names the first one, as CAMERA_LOST."""
+        lost = self.lost(names)
+        if not lost:
+            return
+        ages = ', '.join(f'{name} ({_age_text(self.age_s(name))})' for name in lost)
+        raise HelperError(
+            f'{lost[0].upper()}_LOST', f'no heartbeat or message from {ages}; check that it runs'
+        )
+
+
+def _age_text(age_s: float) -> str:
+    return 'none received' if age_s == float('inf') else f'last {age_s:.1f} s ago'

@@ -1,0 +1,69 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Renders ``mesh.png`` and ``report.html`` of a scan folder; ``report`` runs it as a process."""
+
+import json
+from pathlib import Path
+import sys
+from typing import Any
+
+import numpy as np
+
+from ivfmc_ros.errors import FileError
+from ivfmc_ros.errors import ScanError
+from ivfmc_ros.inspection.mesh_file import read_mesh
+from ivfmc_ros.inspection.mesh_file import SUFFIXES
+from ivfmc_ros.inspection.reports.html import write_html
+from ivfmc_ros.inspection.reports.overview import write_mesh_sheet
+from ivfmc_ros.inspection.reports.scan_page import scan_page
+from ivfmc_ros.model import Mesh
+from ivfmc_ros.model import Poses
+from ivfmc_ros.storage.scans.scan_contents import scan_contents
+from ivfmc_ros.storage.scans.scan_contents import ScanContents
+
+# Files of a scan folder: stem of the mesh files, image of the mesh, report page.
+MESH_STEM, MESH_IMAGE, REPORT_PAGE = 'mesh', 'mesh.png', 'report.html'
+
+
+def render_scan(folder: Path, unit: str, figures: dict[str, Any]) -> None:
+    """
+    Render the mesh of a scan as ``mesh.png`` and write the page ``report.html``.
+
+    unit : length unit of the mesh files: m, mm or inch
+    figures : key figures to show on the page, by name
+    :raises ScanError: the mesh cannot be read, or a file cannot be written
+    """
+    mesh = _read_mesh(folder, unit)
+    write_mesh_sheet(folder / MESH_IMAGE, mesh)
+    try:
+        contents = scan_contents(folder)
+    except ScanError as error:
+        # the page is useful without points and images: show the mesh and the reason
+        contents = ScanContents(views=[], poses=Poses.identity(0), samples=[])
+        figures = {**figures, 'cloud and pictures': str(error)}
+    page = scan_page(folder.name, mesh, contents.views, contents.poses, contents.samples, figures)
+    write_html(folder / REPORT_PAGE, page)
+
+
+def _read_mesh(folder: Path, unit: str) -> Mesh:
+    # PLY first: it is the only format that stores sigma
+    suffixes = sorted(SUFFIXES, key=lambda suffix: suffix != '.ply')
+    existing = [path for suffix in suffixes if (path := folder / f'{MESH_STEM}{suffix}').is_file()]
+    if not existing:
+        raise FileError(f'{folder}: has no {MESH_STEM} file of {", ".join(suffixes)}')
+    body = read_mesh(existing[0], unit)
+    unknown = np.full(len(body.vertices_xyz), np.nan)
+    return Mesh(
+        vertices_xyz=body.vertices_xyz,
+        faces=body.faces,
+        normals=np.full_like(body.vertices_xyz, np.nan),
+        sigma=unknown if body.sigma is None else body.sigma,
+        intensity=unknown,
+    )
+
+
+if __name__ == '__main__':
+    try:
+        render_scan(Path(sys.argv[1]), sys.argv[2], json.load(sys.stdin))
+    except ScanError as error:
+        sys.exit(str(error))

@@ -1,0 +1,278 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reads a bag as a scan: frames, which are images with their table angle, laser and view."""
+
+from collections import Counter
+from collections.abc import Callable
+from collections.abc import Iterator
+from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
+from dataclasses import replace
+import heapq
+from pathlib import Path
+from typing import Any
+
+from ivfmc_ros.cell.camera import Camera
+from ivfmc_ros.errors import BagError
+from ivfmc_ros.errors import CellError
+from ivfmc_ros.errors import FileError
+from ivfmc_ros.errors import MessageError
+from ivfmc_ros.model import Frame
+from ivfmc_ros.model import Image
+from ivfmc_ros.storage.bag.reader import Bag
+from ivfmc_ros.storage.bag.reader import open_bag
+from ivfmc_ros.storage.bag.reader import RawMessage
+from ivfmc_ros.storage.bag.topics import find_scan_topics
+from ivfmc_ros.storage.bag.topics import missing_topic_error
+from ivfmc_ros.storage.bag.topics import ScanTopics
+from ivfmc_ros.storage.matching.frame_matching import FrameMatch
+from ivfmc_ros.storage.matching.frame_matching import FrameMatcher
+from ivfmc_ros.storage.matching.frame_matching import MatchSettings
+from ivfmc_ros.storage.matching.joint_history import JointHistory
+from ivfmc_ros.storage.matching.laser_history import LaserHistory
+from ivfmc_ros.storage.messages import cdr
+from ivfmc_ros.storage.messages.camera_info import to_camera
+from ivfmc_ros.storage.messages.image_decoding import decode_compressed
+from ivfmc_ros.storage.messages.image_decoding import decode_image
+from ivfmc_ros.storage.messages.profile_header import ProfileHeader
+from ivfmc_ros.storage.messages.profile_header import read_profile_header
+from ivfmc_ros.storage.messages.sensor_messages import COMPRESSED_IMAGE
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanBag:
+    """
+    A scan in a bag; all of it has been read and checked except the images.
+
+    camera : calibration of the camera that took the images
+    skipped : number of images that are not used, by reason
+    damage : description of the damage of a bag that was opened for salvage, or None
+    matches : one for each image, by stamp
+    """
+
+    path: Path
+    camera: Camera
+    skipped: Mapping[str, int]
+    damage: str | None
+    bag: Bag
+    topics: ScanTopics
+    matches: tuple[FrameMatch, ...]
+
+    @property
+    def frame_count(self) -> int:
+        """Number of frames."""
+        return sum(not match.reason for match in self.matches)
+
+    def frames(self) -> Iterator[Frame]:
+        """
+        Yield the frames by stamp; each image is decoded when its frame is yielded.
+
+        :raises FileError: an image is cut off or cannot be decoded
+        :raises CellError: an image has another size than the camera
+        """
+        decode = self.bag.decoder(self.topics.image.name)
+        seq = 0
+        dark_stamps = {_dark_stamp_ns(match) for match in self.matches if not match.reason}
+        dark: dict[int | None, Image] = {}
+        for (raw, message), match in zip(self._by_stamp(decode), self.matches, strict=True):
+            if match.stamp_ns in dark_stamps:
+                # dark frames of earlier positions are not needed any more
+                dark = {match.stamp_ns: self._decode_image(raw, message)}
+            if match.reason:
+                continue
+            yield Frame(
+                image=self._decode_image(raw, message),
+                stamp_ns=match.stamp_ns,
+                angle=match.angle,
+                laser=match.laser,
+                view=match.view,
+                seq=seq,
+                speed=match.speed,
+                dark=dark.get(_dark_stamp_ns(match)),
+            )
+            seq += 1
+
+    def _decode_image(self, raw: RawMessage, message: Any) -> Image:
+        stamp = _stamp_text(cdr.stamp_ns(message))
+        where = f'{self.path}: {raw.topic}, image {raw.index} at {stamp}'
+        is_compressed = cdr.full_name(self.topics.image.msgtype) == COMPRESSED_IMAGE
+        try:
+            image = (decode_compressed if is_compressed else decode_image)(message, where)
+        except FileError as error:
+            raise BagError(str(error)) from error
+        self.camera.require_image(image.shape, where)
+        return image
+
+    def _by_stamp(self, decode: Any) -> Iterator[tuple[RawMessage, Any]]:
+        """Yield the image messages by stamp; only those out of order are held in memory."""
+        stamps = iter([match.stamp_ns for match in self.matches])
+        following = next(stamps, None)
+        waiting: list[tuple[int, int, RawMessage, Any]] = []
+        for raw in self.bag.messages([self.topics.image.name]):
+            message = decode(raw)
+            heapq.heappush(waiting, (cdr.stamp_ns(message), raw.index, raw, message))
+            while waiting and waiting[0][0] == following:
+                yield heapq.heappop(waiting)[2:]
+                following = next(stamps, None)
+
+
+def open_scan(
+    path: Path,
+    *,
+    joint: str = 'turntable_joint',
+    lasers: Sequence[str] = ('laser',),
+    camera: Camera | None = None,
+    topics: Mapping[str, str] | None = None,
+    matching: MatchSettings | None = None,
+    dark: bool = False,
+    salvage: bool = False,
+) -> ScanBag:
+    """
+    Open a bag as a scan. The whole bag is read once, so damage is found before any processing.
+
+    path : bag folder or .mcap file
+    joint : name of the table's joint in joint_states
+    lasers : names, in the order of the cell; a bag without laser_states needs exactly one laser,
+        which is taken as always on
+    camera : replaces the one in camera_info
+    topics : role ('image', 'camera_info', 'joint_states', 'laser_states') -> topic, where it
+        is not found by its name or several topics fit
+    matching : which images become frames; None: those that became profiles in the recording, in
+        the same views, where the bag has profiles
+    dark : assign to each frame the image with all lasers off at the same table position
+    salvage : accept a damaged bag
+    :raises BagError: the bag is damaged, lacks a topic, or has no table angle at the stamp of an
+        image
+    """
+    bag = open_bag(path, salvage=salvage)
+    scan_topics = find_scan_topics(bag, topics)
+    messages = _read_messages(bag, scan_topics)
+    stamps = sorted(messages['image'])
+    where = f'{path}: {scan_topics.joint_states.name}'
+    joint_history = JointHistory.from_messages(messages['joint_states'], joint, where)
+    if not salvage:
+        _require_angles(joint_history, stamps, where)
+    matcher = FrameMatcher(
+        lasers,
+        replace(matching or MatchSettings(dark=dark), always_on=scan_topics.laser_states is None),
+        joint_history=joint_history,
+        laser_history=_laser_history(bag, scan_topics, messages, lasers),
+    )
+    for stamp_ns in stamps:
+        matcher.add_image(stamp_ns, None)
+    matches = list(matcher.pop_matches())
+    headers = {header.stamp_ns: header for header in messages['profile'] if header is not None}
+    if headers and matching is None:
+        matches = [_as_recorded(match, headers.get(match.stamp_ns)) for match in matches]
+    skipped = Counter(match.reason for match in matches if match.reason)
+    if skipped.total() == len(matches):
+        reasons = ', '.join(f'{count} {reason}' for reason, count in skipped.items())
+        raise BagError(f'{path}: {scan_topics.image.name}: no image can be used ({reasons})')
+    return ScanBag(
+        path=path,
+        camera=camera or _camera(bag, scan_topics, messages),
+        skipped=dict(skipped),
+        damage=bag.damage,
+        bag=bag,
+        topics=scan_topics,
+        matches=tuple(matches),
+    )
+
+
+def recorded_profile_headers(bag: Bag, topic: str) -> dict[int, ProfileHeader]:
+    """Return the headers of the recorded profiles by stamp; clouds of other types are ignored."""
+    decode = bag.decoder(topic)
+    headers = (_profile_header(decode(raw)) for raw in bag.messages([topic]))
+    return {header.stamp_ns: header for header in headers if header is not None}
+
+
+def _profile_header(message: Any) -> ProfileHeader | None:
+    try:
+        return read_profile_header(message)
+    except MessageError:
+        # another program's cloud on a topic of that name
+        return None
+
+
+# What is stored of the messages of a role; the whole message by default.
+_REDUCTIONS: Mapping[str, Callable[[Any], Any]] = {
+    'image': cdr.stamp_ns,
+    'profile': _profile_header,
+}
+
+
+def _read_messages(bag: Bag, topics: ScanTopics) -> dict[str, list[Any]]:
+    """Return all messages by role; of images the stamps, of profiles the headers."""
+    names = {role: topic.name for role, topic in vars(topics).items() if topic is not None}
+    decoders = {name: bag.decoder(name) for name in names.values()}
+    role_of = {name: role for role, name in names.items()}
+    messages: dict[str, list[Any]] = {role: [] for role in vars(topics)}
+    for raw in bag.messages(role_of.keys()):
+        role = role_of[raw.topic]
+        if role == 'camera_info' and messages[role]:
+            continue
+        message = decoders[raw.topic](raw)
+        reduce = _REDUCTIONS.get(role)
+        messages[role].append(reduce(message) if reduce else message)
+    return messages
+
+
+def _require_angles(history: JointHistory, stamps_ns: Sequence[int], where: str) -> None:
+    outside = [stamp for stamp in stamps_ns if not history.covers(stamp)]
+    if outside:
+        raise BagError(
+            f'{where}: {len(outside)} images are outside the reported positions, the first at '
+            f'{_stamp_text(outside[0])}; record joint_states from before the first image to the '
+            'last'
+        )
+
+
+def _as_recorded(match: FrameMatch, header: ProfileHeader | None) -> FrameMatch:
+    """
+    Return the match with angle, laser and view of the profile that was recorded of the image.
+
+    The view numbers of several sweeps are in the recorded profiles only.
+    """
+    if header is None:
+        return replace(match, reason=match.reason or 'no profile when recorded')
+    return replace(
+        match,
+        reason='',
+        angle=header.angle,
+        laser=header.laser,
+        view=header.view,
+        speed=header.speed,
+    )
+
+
+def _laser_history(
+    bag: Bag, topics: ScanTopics, messages: Mapping[str, list[Any]], lasers: Sequence[str]
+) -> LaserHistory:
+    if topics.laser_states is not None:
+        where = f'{bag.path}: {topics.laser_states.name}'
+        return LaserHistory.from_messages(messages['laser_states'], lasers, where)
+    if len(lasers) != 1:
+        raise BagError(
+            f'{missing_topic_error(bag, "laser_states")}; without it the cell must have one '
+            f'laser, it has {len(lasers)} ({", ".join(lasers)})'
+        )
+    return LaserHistory(lasers)
+
+
+def _camera(bag: Bag, topics: ScanTopics, messages: Mapping[str, list[Any]]) -> Camera:
+    if topics.camera_info is None:
+        raise missing_topic_error(bag, 'camera_info')
+    try:
+        return to_camera(messages['camera_info'][0], f'{bag.path}: {topics.camera_info.name}')
+    except CellError as error:
+        raise BagError(str(error)) from error
+
+
+def _dark_stamp_ns(match: FrameMatch) -> int | None:
+    return match.dark.stamp_ns if match.dark else None
+
+
+def _stamp_text(stamp_ns: int) -> str:
+    seconds, nanoseconds = divmod(stamp_ns, cdr.NANOSECONDS)
+    return f'{seconds}.{nanoseconds:09d} s'
