@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A child process that may write files of a few bytes only, which ends as a full disk does."""
+"""Writing in a child process with a limited file size (RLIMIT_FSIZE) fails as on a full disk."""
 
 import os
 from pathlib import Path
@@ -9,7 +9,7 @@ import sys
 
 ROOT = Path(__file__).resolve().parents[1]
 
-_HEAD = """
+_SETUP = """
 import resource, signal, sys
 from pathlib import Path
 import numpy as np
@@ -39,17 +39,17 @@ _RESULTS = """
 cell = small_cell()
 ball = Sphere(np.array([0.004, 0.002, 0.03]), 0.025)
 made = reconstruct_profiles(cell, sphere_profiles(cell, ball, 40))
-# neither mesh.stl fits, nor, then, mesh.obj
+# the first limit is too small for mesh.stl, the second one for mesh.obj
 for size in (100_000, 5_000_000):
     limited(size, write_results, folder / 'result', cell, made, 'test', {})
 """
 
 
-def said(code, folder):
-    """Return the lines that a child prints."""
+def output_of(code, folder):
+    """Run code in a child process and return the lines that it prints."""
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join([str(ROOT), str(ROOT / 'test')])}
     done = subprocess.run(
-        [sys.executable, '-c', _HEAD + code, str(folder)],
+        [sys.executable, '-c', _SETUP + code, str(folder)],
         env=environment,
         stdout=subprocess.PIPE,
         text=True,
@@ -62,21 +62,21 @@ def listing(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_mesh_that_does_not_fit_is_named_and_leaves_the_earlier_file(tmp_path):
+def test_mesh_beyond_the_limit_is_named_and_the_earlier_file_remains(tmp_path):
     paths = [tmp_path / f'mesh.{suffix}' for suffix in ('stl', 'ply', 'obj', 'glb')]
     for path in paths:
         path.write_text('earlier')
-    assert said(_MESHES, tmp_path) == [
+    assert output_of(_MESHES, tmp_path) == [
         f'{path}: cannot be written: File too large' for path in paths
     ]
     assert all(path.read_text() == 'earlier' for path in paths)
     assert listing(tmp_path) == sorted(path.name for path in paths)
 
 
-def test_results_that_do_not_fit_leave_no_folder(tmp_path):
+def test_results_beyond_the_limit_leave_no_folder(tmp_path):
     (tmp_path / 'earlier').mkdir()
     (tmp_path / 'earlier' / 'mesh.stl').write_text('earlier')
-    stl, obj = said(_RESULTS, tmp_path)
+    stl, obj = output_of(_RESULTS, tmp_path)
     assert stl.endswith('mesh.stl: cannot be written: File too large')
     assert obj.endswith('mesh.obj: cannot be written: File too large')
     assert listing(tmp_path) == ['earlier']

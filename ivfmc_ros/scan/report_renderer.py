@@ -40,7 +40,7 @@ def render_scan(folder: Path, unit: str, figures: dict[str, Any]) -> None:
     except ScanError as error:
         # the page is useful without points and images: show the mesh and the reason
         contents = ScanContents(views=[], poses=Poses.identity(0), samples=[])
-        figures = {**figures, 'cloud and pictures': str(error)}
+        figures = {**figures, 'points and images': str(error)}
     page = scan_page(folder.name, mesh, contents.views, contents.poses, contents.samples, figures)
     write_html(folder / REPORT_PAGE, page)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import PointCloud2
 from support.graph_rig import running
-from support.sweep import recorded
-from support.sweep import Turn
+from support.sweep import sweep_events
+from support.sweep import TrapezoidalMotion
 
 from ivfmc_ros import pipeline
 from ivfmc_ros.model import Frame
@@ -20,14 +20,14 @@ from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 from ivfmc_ros.stripe.stream import StreamAcquisition
 
-TURN = Turn(speed=1.2, acceleration=4.0, begin=0.6, cruise=5.0)
+TURN = TrapezoidalMotion(speed=1.2, acceleration=4.0, begin=0.6, cruise=5.0)
 LASERS = ('left', 'right')
 SETTINGS = pipeline.Settings(registration='table', island_least=20)
 
 
 @pytest.fixture(scope='module')
 def events(cell, sphere):
-    return recorded(cell, sphere, TURN, 15.0, 6.4)
+    return sweep_events(cell, sphere, TURN, 15.0, 6.4)
 
 
 @pytest.fixture(scope='module')
@@ -38,7 +38,7 @@ def offline(cell, events, tmp_path_factory):
         for stamp, kind, what in events:
             if kind == 'table':
                 bag.joint_state(stamp, 'turntable_joint', what)
-            elif kind == 'lit':
+            elif kind == 'laser':
                 bag.laser_state(stamp, {'left': what, 'right': False})
             else:
                 bag.camera_info(stamp, cell.camera)
@@ -80,7 +80,7 @@ def test_bit_by_bit_it_is_the_same_as_from_the_bag(cell, events, offline):
         now = 0.01 * number
         if kind == 'table':
             matcher.add_table_position(stamp, what, None, now)
-        elif kind == 'lit':
+        elif kind == 'laser':
             matcher.add_laser_states(stamp, {'left': float(what), 'right': 0.0}, now)
         else:
             matcher.add_image(stamp, what, now)
@@ -126,7 +126,7 @@ def test_through_the_nodes_it_is_the_same_as_from_the_bag(
         for stamp, kind, what in events:
             if kind == 'table':
                 inputs.table(what, stamp, velocity=float('nan'))
-            elif kind == 'lit':
+            elif kind == 'laser':
                 inputs.lit(0 if what else -1, stamp)
             else:
                 inputs.picture(what, stamp)

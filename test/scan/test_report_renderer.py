@@ -30,7 +30,7 @@ def test_mesh_of_any_format_is_rendered(tmp_path, mesh, suffix):
     assert (tmp_path / 'mesh.png').read_bytes()[:4] == b'\x89PNG'
     page = (tmp_path / 'report.html').read_text()
     # the folder has no bag: the page names the error and shows the mesh
-    assert 'cloud and pictures' in page
+    assert 'points and images' in page
     assert '<canvas' in page
 
 

@@ -26,8 +26,8 @@ def camera():
 
 
 @pytest.fixture
-def picture():
-    """Mono picture of the camera's size, another one for each number."""
+def make_image():
+    """Mono image of the camera's size, a different one for each number."""
 
     def make(number=0):
         return np.random.default_rng(number).integers(0, 255, (48, 64), dtype=np.uint8)
@@ -36,16 +36,16 @@ def picture():
 
 
 @pytest.fixture
-def jpeg(picture):
-    return cv2.imencode('.jpg', picture())[1].tobytes()
+def jpeg(make_image):
+    return cv2.imencode('.jpg', make_image())[1].tobytes()
 
 
 @pytest.fixture
-def write_bag(tmp_path, camera, picture):
+def write_bag(tmp_path, camera, make_image):
     """
-    Write a bag of raw pictures, 0.1 s and 0.1 rad from one to the next.
+    Write a bag of raw images, 0.1 s and 0.1 rad from one to the next.
 
-    before : is called with (bag, stamp, index) before each picture
+    before : is called with (bag, stamp, index) before each image
     """
 
     def write(name='bag', count=5, before=None, infos=True, joints=True, **options):
@@ -58,7 +58,7 @@ def write_bag(tmp_path, camera, picture):
                     before(bag, stamp, index)
                 if infos:
                     bag.camera_info(stamp, camera)
-                bag.image(stamp, picture(index))
+                bag.image(stamp, make_image(index))
         return tmp_path / name
 
     return write
@@ -67,9 +67,9 @@ def write_bag(tmp_path, camera, picture):
 @pytest.fixture
 def write_mcap(tmp_path):
     """
-    Write an MCAP file as others would: (topic, type, messages or bytes) of one second apart.
+    Write an MCAP file by the mcap library: (topic, type, messages or bytes), 1 s apart.
 
-    A type of None leaves the schema out.
+    A type of None writes no schema.
     """
 
     def write(*topics, name='foreign.mcap', encoding='cdr', **options):

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A continuous sweep as a camera and a board report it: late, and never by the same delay."""
+"""Events of one continuous sweep: images, and states that arrive with a varying delay."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,48 +15,58 @@ START = 1_790_000_000 * SECOND
 
 
 @dataclass(frozen=True, kw_only=True)
-class Turn:
-    """A table that stands at 0, turns and stands again; radians and seconds."""
+class TrapezoidalMotion:
+    """
+    A table that stands still at 0, turns with a trapezoidal velocity, and stands still again.
+
+    speed, acceleration : rad/s and rad/s^2
+    begin, cruise : start of the motion, and duration of constant speed, seconds
+    """
 
     speed: float = 0.42
     acceleration: float = 2.0
     begin: float = 1.0
     cruise: float = 16.0
 
-    def at(self, seconds: Any) -> Any:
-        """Where the table truly is."""
-        rise = self.speed / self.acceleration
+    def position_at(self, seconds: Any) -> Any:
+        """Return the true position of the table, radians."""
+        ramp = self.speed / self.acceleration
         t = np.clip(np.asarray(seconds, dtype=float) - self.begin, 0.0, None)
-        up = np.minimum(t, rise)
-        steady = np.clip(t - rise, 0.0, self.cruise)
-        down = np.clip(t - rise - self.cruise, 0.0, rise)
+        up = np.minimum(t, ramp)
+        steady = np.clip(t - ramp, 0.0, self.cruise)
+        down = np.clip(t - ramp - self.cruise, 0.0, ramp)
         a = self.acceleration
         return a * up**2 / 2 + self.speed * (steady + down) - a * down**2 / 2
 
     @property
-    def steady(self) -> tuple[float, float]:
-        """When it turns at constant speed."""
-        rise = self.speed / self.acceleration
-        return self.begin + rise, self.begin + rise + self.cruise
+    def constant_speed(self) -> tuple[float, float]:
+        """Begin and end of the motion at constant speed, seconds."""
+        ramp = self.speed / self.acceleration
+        return self.begin + ramp, self.begin + ramp + self.cruise
 
 
-def reports(turn: Turn, rate: float, until: float, seed: int = 0) -> list[tuple[int, float]]:
-    """Stamps and positions of a board that answers 5 to 20 ms late."""
+def delayed_positions(
+    motion: TrapezoidalMotion, rate: float, until: float, seed: int = 0
+) -> list[tuple[int, float]]:
+    """Return stamps and positions of a controller whose stamps are 5 to 20 ms late."""
     rng = np.random.default_rng(seed)
-    asked = np.arange(-1.0, until, 1.0 / rate)
-    late = asked + rng.uniform(0.005, 0.020, len(asked))
-    stamps = START + (late * SECOND).astype(np.int64)
-    return [(int(s), float(p)) for s, p in zip(stamps, turn.at(asked), strict=True)]
+    measured = np.arange(-1.0, until, 1.0 / rate)
+    received = measured + rng.uniform(0.005, 0.020, len(measured))
+    stamps = START + (received * SECOND).astype(np.int64)
+    positions = motion.position_at(measured)
+    return [(int(s), float(p)) for s, p in zip(stamps, positions, strict=True)]
 
 
-def recorded(cell, sphere, turn: Turn, rate: float, until: float) -> list[tuple[int, str, Any]]:
-    """All that is heard of a sweep of the first laser, by stamp: (stamp, kind, what)."""
-    events: list[tuple[int, str, Any]] = []
-    events += [(stamp, 'table', position) for stamp, position in reports(turn, 10.0, until + 0.5)]
-    for tick in np.arange(-0.5, until + 0.5, 0.1):
-        events.append((START + round(tick * SECOND), 'lit', tick >= 0.3))
+def sweep_events(
+    cell, sphere, motion: TrapezoidalMotion, rate: float, until: float
+) -> list[tuple[int, str, Any]]:
+    """Return (stamp, kind, value) of a sweep of one laser; kind is table, laser or image."""
+    positions = delayed_positions(motion, 10.0, until + 0.5)
+    ticks = np.arange(-0.5, until + 0.5, 0.1)
+    events: list[tuple[int, str, Any]] = [(stamp, 'table', angle) for stamp, angle in positions]
+    events += [(START + round(tick * SECOND), 'laser', tick >= 0.3) for tick in ticks]
     rng = np.random.default_rng(1)
-    for shot in np.arange(0.0, until, 1.0 / rate):
-        light = draw_stripe(sphere.stripe(cell, float(turn.at(shot))))
-        events.append((START + round(shot * SECOND), 'picture', expose(light, rng)))
+    for second in np.arange(0.0, until, 1.0 / rate):
+        light = draw_stripe(sphere.stripe(cell, float(motion.position_at(second))))
+        events.append((START + round(second * SECOND), 'image', expose(light, rng)))
     return sorted(events, key=lambda event: event[0])

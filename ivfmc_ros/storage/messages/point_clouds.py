@@ -44,7 +44,7 @@ REQUIRED_FIELDS = tuple(
     name for name in PROFILE_POINT_DTYPE.names or () if name not in OPTIONAL_FIELDS
 )
 
-# what sensor_msgs/PointField calls its datatypes
+# NumPy types by datatype of sensor_msgs/PointField.
 POINT_FIELD_DTYPES = {
     1: 'i1',
     2: 'u1',

@@ -125,7 +125,7 @@ def import_images_as_bag(
     :raises CellError: an image has another size than the camera
     :raises ParameterError: the rate is not a positive number
     """
-    require_in_range('rate', rate, 0.0, math.inf, 'pictures/s', open_low=True, open_high=True)
+    require_in_range('rate', rate, 0.0, math.inf, 'images/s', open_low=True, open_high=True)
     with create_bag(folder) as bag:
         previous = images[0].angle
         for index, image in enumerate(images):

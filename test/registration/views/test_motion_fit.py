@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from support.sweep import reports
+from support.sweep import delayed_positions
 from support.sweep import SECOND
 from support.sweep import START
-from support.sweep import Turn
+from support.sweep import TrapezoidalMotion
 from support.synthetic import make_profile
 
 from ivfmc_ros.registration.views.motion_fit import refit
@@ -17,7 +17,7 @@ def profiles_of(turn, *, rate=10.0, shots=None, seed=0, view=0):
     """Profiles with the angles that reports give; the point is at x = 50 mm in the base."""
     shots = np.arange(0.0, 19.0, 1 / 30) if shots is None else shots
     matcher = FrameMatcher(['left'], MatchSettings(always_on=True))
-    for stamp, position in reports(turn, rate, 21.0, seed):
+    for stamp, position in delayed_positions(turn, rate, 21.0, seed):
         matcher.add_table_position(stamp, position)
     for shot in shots:
         matcher.add_image(START + round(shot * SECOND), shot)
@@ -35,14 +35,14 @@ def profiles_of(turn, *, rate=10.0, shots=None, seed=0, view=0):
 def errors(turn, profiles):
     """Radians off the truth, without the constant that turns the whole part."""
     seconds = np.array([(profile.stamp_ns - START) / SECOND for profile in profiles])
-    off = np.array([profile.angle for profile in profiles]) - turn.at(seconds)
+    off = np.array([profile.angle for profile in profiles]) - turn.position_at(seconds)
     return off - off.mean(), seconds
 
 
 @pytest.mark.parametrize('rate', [5.0, 10.0, 100.0])
 @pytest.mark.parametrize('seed', [0, 1, 2])
 def test_the_fit_is_four_times_nearer_than_the_reports(rate, seed):
-    turn = Turn()
+    turn = TrapezoidalMotion()
     measured = profiles_of(turn, rate=rate, seed=seed)
     found, (motion,) = refit(measured)
     off, seconds = errors(turn, found)
@@ -53,14 +53,14 @@ def test_the_fit_is_four_times_nearer_than_the_reports(rate, seed):
     assert motion.speed == pytest.approx(turn.speed, rel=1e-3)
     assert 0.002 < motion.jitter < 0.006
     # nothing of the ramps, and not much less than all between them
-    begin, end = turn.steady
+    begin, end = turn.constant_speed
     assert begin <= seconds[0] < begin + 0.4
     assert end - 0.4 < seconds[-1] <= end
     assert motion.dropped == len(measured) - len(found)
 
 
 def test_points_turn_with_their_angle():
-    found, _ = refit(profiles_of(Turn()))
+    found, _ = refit(profiles_of(TrapezoidalMotion()))
     for profile in found:
         c, s = np.cos(profile.angle), np.sin(profile.angle)
         np.testing.assert_allclose(profile.points_xyz, [[0.05 * c, -0.05 * s, 0.01]], atol=1e-12)
@@ -68,13 +68,13 @@ def test_points_turn_with_their_angle():
 
 def test_a_sweep_without_ramps_loses_nothing():
     shots = np.arange(3.0, 15.0, 1 / 30)
-    found, (motion,) = refit(profiles_of(Turn(), shots=shots))
+    found, (motion,) = refit(profiles_of(TrapezoidalMotion(), shots=shots))
     assert (len(found), motion.dropped) == (len(shots), 0)
 
 
 def test_two_sweeps_of_one_number_are_fitted_each_by_itself():
-    first = profiles_of(Turn(cruise=5.0), shots=np.arange(2.0, 5.0, 1 / 30))
-    second = profiles_of(Turn(cruise=5.0), shots=np.arange(2.0, 5.0, 1 / 30), seed=1)
+    first = profiles_of(TrapezoidalMotion(cruise=5.0), shots=np.arange(2.0, 5.0, 1 / 30))
+    second = profiles_of(TrapezoidalMotion(cruise=5.0), shots=np.arange(2.0, 5.0, 1 / 30), seed=1)
     later = [
         type(p)(**{**vars(p), 'stamp_ns': p.stamp_ns + 60 * SECOND, 'seq': p.seq + len(first)})
         for p in second

@@ -205,8 +205,8 @@ def test_bags_of_other_recorders_are_read(data_dir, name, counts):
 def test_decoded_messages_of_other_recorders_have_their_content(data_dir):
     bag = open_bag(data_dir / 'bags' / 'talker.mcap')
     decode = bag.decoder('/topic')
-    said = [decode(raw).data for raw in bag.messages(['/topic'])]
-    assert said == [f'Hello, world! {index}' for index in range(10)]
+    texts = [decode(raw).data for raw in bag.messages(['/topic'])]
+    assert texts == [f'Hello, world! {index}' for index in range(10)]
 
 
 def test_wrong_rmw_is_refused_by_name(data_dir):

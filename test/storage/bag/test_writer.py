@@ -20,12 +20,12 @@ from ivfmc_ros.storage.messages import sensor_messages
 HEADER = 'std_msgs/msg/Header'
 
 
-def _full(folder, camera, picture, jpeg):
+def _full(folder, camera, make_image, jpeg):
     with create_bag(folder) as bag:
         bag.joint_state(1_000_000_000, 'turntable_joint', 0.25, velocity=0.5)
         bag.laser_state(1_100_000_000, {'left': True, 'right': False})
         bag.camera_info(2_000_000_000, camera)
-        bag.image(2_000_000_000, picture())
+        bag.image(2_000_000_000, make_image())
         bag.compressed_image(3_000_000_001, jpeg, 'jpeg')
     return folder
 
@@ -34,9 +34,9 @@ def _left_in(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_another_reader_decodes_every_message(tmp_path, camera, picture, jpeg):
+def test_another_reader_decodes_every_message(tmp_path, camera, make_image, jpeg):
     reader = pytest.importorskip('mcap_ros2.reader')
-    folder = _full(tmp_path / 'bag', camera, picture, jpeg)
+    folder = _full(tmp_path / 'bag', camera, make_image, jpeg)
     read = {
         message.channel.topic: message.ros_msg
         for message in reader.read_ros2_messages(str(folder / 'scan.mcap'))
@@ -50,16 +50,16 @@ def test_another_reader_decodes_every_message(tmp_path, camera, picture, jpeg):
     assert info.r == np.eye(3).ravel().tolist()
     assert np.reshape(info.p, (3, 4))[:, 3].tolist() == [0, 0, 0]
     image = read['/ivfmc/image_raw']
-    assert (image.encoding, image.step, image.data) == ('mono8', 64, picture().tobytes())
+    assert (image.encoding, image.step, image.data) == ('mono8', 64, make_image().tobytes())
     assert image.header.frame_id == 'camera_optical_frame'
     compressed = read['/ivfmc/image_raw/compressed']
     assert (compressed.format, compressed.data) == ('jpeg', jpeg)
     assert (compressed.header.stamp.sec, compressed.header.stamp.nanosec) == (3, 1)
 
 
-def test_rosbag2_metadata_is_understood_by_another_reader(tmp_path, camera, picture, jpeg):
+def test_rosbag2_metadata_is_understood_by_another_reader(tmp_path, camera, make_image, jpeg):
     rosbag2 = pytest.importorskip('rosbags.rosbag2')
-    with rosbag2.Reader(_full(tmp_path / 'bag', camera, picture, jpeg)) as reader:
+    with rosbag2.Reader(_full(tmp_path / 'bag', camera, make_image, jpeg)) as reader:
         assert reader.message_count == 5
         assert reader.start_time == 1_000_000_000
         assert {item.topic: item.msgtype for item in reader.connections} == {
@@ -77,8 +77,8 @@ def test_rosbag2_metadata_is_understood_by_another_reader(tmp_path, camera, pict
     assert set(durability.values()) == {'VOLATILE'}
 
 
-def test_metadata_is_that_of_jazzy(tmp_path, camera, picture, jpeg):
-    folder = _full(tmp_path / 'bag', camera, picture, jpeg)
+def test_metadata_is_that_of_jazzy(tmp_path, camera, make_image, jpeg):
+    folder = _full(tmp_path / 'bag', camera, make_image, jpeg)
     text = (folder / 'metadata.yaml').read_text()
     assert '&' not in text
     info = yaml.safe_load(text)['rosbag2_bagfile_information']
@@ -109,22 +109,22 @@ def test_same_content_gives_same_bytes(write_bag):
 
 
 @pytest.mark.parametrize('error', [RuntimeError, KeyboardInterrupt])
-def test_nothing_is_left_of_a_bag_that_failed(tmp_path, picture, error):
+def test_nothing_is_left_of_a_bag_that_failed(tmp_path, make_image, error):
     with pytest.raises(error), create_bag(tmp_path / 'bag') as bag:
-        bag.image(1, picture())
+        bag.image(1, make_image())
         assert not (tmp_path / 'bag').exists()
         raise error
     assert _left_in(tmp_path) == []
 
 
-def test_nothing_is_left_when_the_disk_is_full(tmp_path, picture, monkeypatch):
+def test_nothing_is_left_when_the_disk_is_full(tmp_path, make_image, monkeypatch):
     def full(handle):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, 'fsync', full)
     refused = pytest.raises(FileError, match='bag: cannot be written: No space left')
     with refused, create_bag(tmp_path / 'bag') as bag:
-        bag.image(1, picture())
+        bag.image(1, make_image())
     assert _left_in(tmp_path) == []
 
 
@@ -141,10 +141,10 @@ def test_existing_target_is_refused(tmp_path, kind):
     assert _left_in(tmp_path) == ['bag']
 
 
-def test_target_that_appears_meanwhile_is_kept(tmp_path, picture):
+def test_target_that_appears_meanwhile_is_kept(tmp_path, make_image):
     refused = pytest.raises(FileError, match='bag: cannot be written: Directory not empty')
     with refused, create_bag(tmp_path / 'bag') as bag:
-        bag.image(1, picture())
+        bag.image(1, make_image())
         (tmp_path / 'bag').mkdir()
         (tmp_path / 'bag' / 'scan.mcap').write_text('mine')
     assert _left_in(tmp_path) == ['bag']
@@ -182,10 +182,10 @@ def test_type_that_is_not_known_needs_its_definition(tmp_path):
     assert _left_in(tmp_path) == []
 
 
-def test_topic_keeps_its_type(tmp_path, picture):
+def test_topic_keeps_its_type(tmp_path, make_image):
     refused = pytest.raises(FileError, match='image_raw: holds sensor_msgs/msg/Image, not std')
     with refused, create_bag(tmp_path / 'bag') as bag:
-        bag.image(1, picture())
+        bag.image(1, make_image())
         bag.write('image_raw', 'std_msgs/msg/Header', b'', 2)
 
 
@@ -195,7 +195,7 @@ def test_empty_bag_can_be_read(tmp_path):
     assert open_bag(tmp_path / 'bag').message_count == 0
 
 
-def test_bag_that_grows_can_be_read_up_to_its_last_chunk(tmp_path, picture):
+def test_bag_that_grows_can_be_read_up_to_its_last_chunk(tmp_path, make_image):
     bag = BagWriter(tmp_path)
     assert bag.flush() is None
     data = cdr.encode(cdr.header(0, ''))

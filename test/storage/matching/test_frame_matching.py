@@ -167,7 +167,7 @@ def test_settings_at_the_arrival_of_an_image_apply():
 
 def test_step_motion_needs_standstill_until_the_end_of_the_exposure():
     matcher = a_matcher(motion='step', always_on=True, settle=0.05, exposure=0.02)
-    # stands until 100, turns to 0.1 at 200, stands
+    # standstill until 100 ms, motion to 0.1 rad at 200 ms, standstill
     for stamp in range(0, 401, 10):
         matcher.add_table_position(at(stamp), 0.001 * min(max(stamp - 100, 0), 100))
     for stamp in (60, 70, 90, 150, 220, 260, 300):

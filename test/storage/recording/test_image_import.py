@@ -52,11 +52,11 @@ def test_images_without_angle_are_counted_and_the_first_is_named():
 
 
 @pytest.fixture
-def folder(tmp_path, picture):
-    """Pictures of several kinds: step1.jpg, step2.png, step3.bmp."""
+def folder(tmp_path, make_image):
+    """Images of several formats: step1.jpg, step2.png, step3.bmp."""
     (tmp_path / 'in').mkdir()
     for number, suffix in enumerate(['.jpg', '.png', '.bmp'], 1):
-        cv2.imwrite(str(tmp_path / 'in' / f'step{number}{suffix}'), picture(number))
+        cv2.imwrite(str(tmp_path / 'in' / f'step{number}{suffix}'), make_image(number))
     return tmp_path / 'in'
 
 
@@ -67,7 +67,7 @@ def _steps(folder, angles):
     ]
 
 
-def test_files_are_stored_without_encoding(folder, camera, picture, tmp_path):
+def test_files_are_stored_without_encoding(folder, camera, make_image, tmp_path):
     import_images_as_bag(_steps(folder, [0.0, 0.1, 0.2]), camera, tmp_path / 'bag')
     bag = open_bag(tmp_path / 'bag')
     name = '/ivfmc/image_raw/compressed'
@@ -76,7 +76,7 @@ def test_files_are_stored_without_encoding(folder, camera, picture, tmp_path):
     for message, suffix in zip(read[:2], ['1.jpg', '2.png'], strict=True):
         assert message.data.tobytes() == (folder / f'step{suffix}').read_bytes()
     frames = list(open_scan(tmp_path / 'bag').frames())
-    np.testing.assert_array_equal(frames[2].image, picture(3))
+    np.testing.assert_array_equal(frames[2].image, make_image(3))
 
 
 @pytest.mark.parametrize(
@@ -112,14 +112,14 @@ def test_progress_is_reported(folder, camera, tmp_path):
 def test_truncated_jpeg_is_named_and_nothing_is_left(folder, camera, tmp_path):
     bad = folder / 'step1.jpg'
     bad.write_bytes(bad.read_bytes()[:-20])
-    with pytest.raises(FileError, match=r'step1\.jpg: the picture is cut off'):
+    with pytest.raises(FileError, match=r'step1\.jpg: the make_image is cut off'):
         import_images_as_bag(_steps(folder, [0, 1, 2]), camera, tmp_path / 'bag')
     assert sorted(path.name for path in tmp_path.iterdir()) == ['in']
 
 
 def test_image_of_another_size_is_named_and_nothing_is_left(folder, camera, tmp_path):
     cv2.imwrite(str(folder / 'step3.bmp'), np.zeros((50, 64), np.uint8))
-    with pytest.raises(CellError, match=r'step3\.bmp: the picture is 64 x 50, .* at 64 x 48'):
+    with pytest.raises(CellError, match=r'step3\.bmp: the make_image is 64 x 50, .* at 64 x 48'):
         import_images_as_bag(_steps(folder, [0, 1, 2]), camera, tmp_path / 'bag')
     assert sorted(path.name for path in tmp_path.iterdir()) == ['in']
 

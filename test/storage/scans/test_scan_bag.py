@@ -20,14 +20,14 @@ START = 1_700_000_000 * SECOND
 STEP = SECOND // 10
 
 
-def test_scan_is_read_as_it_was_written(write_bag, camera, picture):
+def test_scan_is_read_as_it_was_written(write_bag, camera, make_image):
     scan = open_scan(write_bag(count=4))
     assert (scan.frame_count, scan.skipped, scan.damage) == (4, {}, None)
     assert (scan.camera.size, scan.camera.model) == (camera.size, 'plumb_bob')
     np.testing.assert_array_equal(scan.camera.K, camera.K)
     np.testing.assert_array_equal(scan.camera.distortion, camera.distortion)
     for index, frame in enumerate(scan.frames()):
-        np.testing.assert_array_equal(frame.image, picture(index))
+        np.testing.assert_array_equal(frame.image, make_image(index))
         assert frame.stamp_ns == START + index * STEP
         assert frame.angle == pytest.approx(0.1 * index, abs=1e-6)  # single precision
         assert (frame.laser, frame.view, frame.seq) == (0, 0, index)
@@ -48,19 +48,19 @@ def test_compressed_images_are_frames(tmp_path, camera, jpeg):
     assert frame.image.shape == (48, 64)
 
 
-def test_images_written_out_of_order_are_read_by_stamp(tmp_path, camera, picture):
+def test_images_written_out_of_order_are_read_by_stamp(tmp_path, camera, make_image):
     order = [2, 0, 1, 4, 3, 5]
     with create_bag(tmp_path / 'bag') as bag:
         bag.joint_state(START, 'turntable_joint', 0.0)
         bag.joint_state(START + 5 * STEP, 'turntable_joint', 0.5)
         bag.camera_info(START, camera)
         for index in order:
-            bag.image(START + index * STEP, picture(index))
+            bag.image(START + index * STEP, make_image(index))
     frames = list(open_scan(tmp_path / 'bag').frames())
     np.testing.assert_allclose([frame.angle for frame in frames], np.arange(6) / 10)
     assert [frame.seq for frame in frames] == list(range(6))
     for index, frame in enumerate(frames):
-        np.testing.assert_array_equal(frame.image, picture(index))
+        np.testing.assert_array_equal(frame.image, make_image(index))
 
 
 def test_camera_of_the_caller_replaces_that_of_the_bag(write_bag, camera):
@@ -126,22 +126,22 @@ def cloud(stamp, values):
     )
 
 
-def test_clouds_of_other_programs_on_profile_are_ignored(tmp_path, camera, picture):
+def test_clouds_of_other_programs_on_profile_are_ignored(tmp_path, camera, make_image):
     with create_bag(tmp_path / 'bag') as bag:
         bag.camera_info(START, camera)
         bag.joint_state(START, 'turntable_joint', 0.0)
-        bag.image(START, picture(0))
+        bag.image(START, make_image(0))
         bag.write('profile', sensor_messages.POINT_CLOUD, cdr.encode(cloud(START, {})), START)
     assert open_scan(tmp_path / 'bag').frame_count == 1
 
 
-def test_recorded_profiles_determine_angle_and_view(tmp_path, camera, picture):
+def test_recorded_profiles_determine_angle_and_view(tmp_path, camera, make_image):
     with create_bag(tmp_path / 'bag') as bag:
         bag.camera_info(START, camera)
         for index in range(5):
             stamp = START + index * STEP
             bag.joint_state(stamp, 'turntable_joint', 0.1 * index)
-            bag.image(stamp, picture(index))
+            bag.image(stamp, make_image(index))
             if index in (1, 3):
                 values = {'view': 10 + index, 'angle': 0.2 + index, 'speed': 0.5, 'seq': index}
                 data = cdr.encode(cloud(stamp, values))
@@ -159,7 +159,7 @@ def test_recorded_profiles_determine_angle_and_view(tmp_path, camera, picture):
     assert open_scan(tmp_path / 'bag', matching=MatchSettings()).frame_count == 5
 
 
-def test_dark_frame_is_assigned_at_the_same_position(tmp_path, camera, picture):
+def test_dark_frame_is_assigned_at_the_same_position(tmp_path, camera, make_image):
     lit = {0: False, 1: True, 2: True, 4: True}
     with create_bag(tmp_path / 'bag') as bag:
         bag.camera_info(START, camera)
@@ -168,11 +168,11 @@ def test_dark_frame_is_assigned_at_the_same_position(tmp_path, camera, picture):
             bag.joint_state(stamp, 'turntable_joint', 0.0 if index < 3 else 0.5)
             if index in lit:
                 bag.laser_state(stamp, {'laser': lit[index]})
-                bag.image(stamp, picture(index))
+                bag.image(stamp, make_image(index))
     scan = open_scan(tmp_path / 'bag', matching=MatchSettings(dark=True, settle=0.0))
     first, second, third = scan.frames()
-    np.testing.assert_array_equal(first.dark, picture(0))
-    np.testing.assert_array_equal(second.dark, picture(0))
+    np.testing.assert_array_equal(first.dark, make_image(0))
+    np.testing.assert_array_equal(second.dark, make_image(0))
     assert third.dark is None
     assert all(frame.dark is None for frame in open_scan(tmp_path / 'bag').frames())
 
@@ -203,10 +203,10 @@ def test_missing_joint_is_named(write_bag):
         open_scan(write_bag(), joint='axis')
 
 
-def test_image_outside_the_positions_is_named(tmp_path, write_bag, picture):
+def test_image_outside_the_positions_is_named(tmp_path, write_bag, make_image):
     def late(bag, stamp, index):
         if index == 2:
-            bag.image(stamp + 10 * SECOND, picture())
+            bag.image(stamp + 10 * SECOND, make_image())
 
     with pytest.raises(BagError, match=r'1 images are outside .* at 1700000010\.200000000 s'):
         open_scan(write_bag(before=late))
@@ -233,19 +233,19 @@ def test_truncated_jpeg_is_named(tmp_path, camera, jpeg):
         list(open_scan(tmp_path / 'bag').frames())
 
 
-def _with_info(tmp_path, camera, picture, **changes):
+def _with_info(tmp_path, camera, make_image, **changes):
     info = sensor_messages.camera_info(START, camera)
     for name, value in changes.items():
         setattr(info, name, value)
     with create_bag(tmp_path / 'bag') as bag:
         bag.joint_state(START, 'turntable_joint', 0.0)
         bag.write('camera_info', sensor_messages.CAMERA_INFO, cdr.encode(info), START)
-        bag.image(START, picture())
+        bag.image(START, make_image())
     return tmp_path / 'bag'
 
 
-def test_camera_info_may_omit_the_distortion(tmp_path, camera, picture):
-    folder = _with_info(tmp_path, camera, picture, d=np.empty(0), distortion_model='')
+def test_camera_info_may_omit_the_distortion(tmp_path, camera, make_image):
+    folder = _with_info(tmp_path, camera, make_image, d=np.empty(0), distortion_model='')
     assert open_scan(folder).camera.distortion.tolist() == [0] * 5
 
 
@@ -258,8 +258,8 @@ def test_camera_info_may_omit_the_distortion(tmp_path, camera, picture):
         ({'width': 0}, 'is not positive'),
     ],
 )
-def test_camera_info_that_cannot_be_used_is_named(tmp_path, camera, picture, changes, problem):
-    folder = _with_info(tmp_path, camera, picture, **changes)
+def test_camera_info_that_cannot_be_used_is_named(tmp_path, camera, make_image, changes, problem):
+    folder = _with_info(tmp_path, camera, make_image, **changes)
     with pytest.raises(BagError, match=rf'/ivfmc/camera_info: .*{problem}'):
         open_scan(folder)
 
@@ -276,10 +276,10 @@ def test_damaged_bag_is_refused_before_processing(write_bag):
     assert sum(1 for _ in scan.frames()) == scan.frame_count
 
 
-def test_salvage_skips_images_without_angle(write_bag, picture):
+def test_salvage_skips_images_without_angle(write_bag, make_image):
     def late(bag, stamp, index):
         if index == 2:
-            bag.image(stamp + 10 * SECOND, picture())
+            bag.image(stamp + 10 * SECOND, make_image())
 
     scan = open_scan(write_bag(before=late), salvage=True)
     assert scan.skipped == {'no angle': 1}
