@@ -43,8 +43,8 @@ from ivfmc_ros.registration.self_calibration.parameters import require_groups
 from ivfmc_ros.registration.self_calibration.refine import refine
 from ivfmc_ros.registration.self_calibration.refine import RefinementResult
 from ivfmc_ros.registration.views import assemble as sweeps
-from ivfmc_ros.registration.views.motion_fit import SweepMotion
 from ivfmc_ros.registration.views.motion_fit import refit
+from ivfmc_ros.registration.views.motion_fit import SweepMotion
 from ivfmc_ros.stopwatch import Stopwatch
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
@@ -372,10 +372,10 @@ class _SampleImages:
 
 def _require_stripe(profiles: Sequence[Profile]) -> None:
     if not profiles:
-        raise NoStripeError('the scan has no images')
+        raise NoStripeError('the scan has no pictures')
     if not any(len(profile) for profile in profiles):
         raise NoStripeError(
-            f'the stripe is visible in none of the {len(profiles)} images; check the laser, the '
+            f'the stripe is found in none of the {len(profiles)} pictures; check the laser, the '
             'working volume (radius, bottom, top) and min_contrast'
         )
 

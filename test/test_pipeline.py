@@ -15,7 +15,7 @@ from ivfmc_ros.errors import CellError
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.errors import NoStripeError
 from ivfmc_ros.errors import ParameterError
-from ivfmc_ros.meshing.geometry.normals import of_faces
+from ivfmc_ros.meshing.geometry.normals import face_normals
 from ivfmc_ros.model import Frame
 from ivfmc_ros.pipeline import reconstruct
 from ivfmc_ros.pipeline import Settings
@@ -48,7 +48,7 @@ def test_eccentric_sphere_is_rebuilt(scan):
     # a wrong sense of rotation, half a pixel or a wrong axis would show as a bias
     assert abs(distance.mean()) < 0.1 * RMS
     outward = scan.mesh.vertices_xyz[scan.mesh.faces].mean(axis=1) - SPHERE.center
-    facing = (of_faces(scan.mesh.vertices_xyz, scan.mesh.faces) * outward).sum(axis=1)
+    facing = (face_normals(scan.mesh.vertices_xyz, scan.mesh.faces) * outward).sum(axis=1)
     assert (facing > 0).mean() > 0.999
     assert len(scan.mesh.faces) > 10_000
 
@@ -94,7 +94,7 @@ def test_simulated_scan_of_a_box_with_two_lasers_is_rebuilt():
     assert np.sqrt(np.mean(distance**2)) < 2.0 * RMS
     assert abs(np.median(distance)) < 0.3 * RMS
     assert [view.laser for view in found.views] == [0, 1]
-    sides = of_faces(found.mesh.vertices_xyz, found.mesh.faces)
+    sides = face_normals(found.mesh.vertices_xyz, found.mesh.faces)
     turned = sides @ rotation_z(0.3)
     # all of its five visible sides are there, and face outward
     for axis, sense in ((0, 1), (0, -1), (1, 1), (1, -1), (2, 1)):
@@ -165,7 +165,7 @@ def test_volume_beside_the_part_is_refused():
 
 def test_scan_of_flying_points_only_is_refused():
     (frame,) = sphere_frames(CELL, SPHERE, 1)
-    with pytest.raises(GeometryError, match=r'surface has 1000 points .* island_least'):
+    with pytest.raises(GeometryError, match=r'component has 1000 points.* island_least'):
         reconstruct(CELL, [frame], Settings(island_least=1000))
 
 

@@ -13,14 +13,15 @@ from numpy.typing import ArrayLike
 
 from ivfmc_ros.errors import CellError
 from ivfmc_ros.model import Floats
+from ivfmc_ros.validation import require_one_of
 
-# ROS distortion model -> how many coefficients it has (image_geometry, REP 104)
+# Number of coefficients of each ROS distortion model (sensor_msgs/CameraInfo)
 DISTORTION_COEFFICIENTS = {'plumb_bob': 5, 'rational_polynomial': 8}
 
-# OpenCV stops after 5 iterations by default, which leaves 0.01 px at the rim of a strong lens.
-_CONVERGED = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
-# A ray that is not seen within this of its pixel is none.
-_MISSED = 1e-3
+# OpenCV stops after 5 iterations by default, which leaves 0.01 px at the edge of a strong lens.
+_TERMINATION = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
+# Greatest distance, in pixels, between a pixel and the projection of its ray.
+_MAX_REPROJECTION = 1e-3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -28,8 +29,11 @@ class Camera:
     """
     Camera model in ``camera_optical_frame`` (z forward, x right, y down).
 
-    K : (3, 3) float64, pixel
+    width, height : pixels
+    K : (3, 3) float64 camera matrix, pixels
     distortion : (5,) for plumb_bob or (8,) for rational_polynomial, OpenCV's order
+    model : ROS name of the distortion model
+    :raises CellError: a value is impossible
     """
 
     width: int
@@ -50,10 +54,8 @@ class Camera:
             raise CellError('camera_matrix: the principal point lies outside the image')
         if np.any(self.K[[1, 2, 2], [0, 0, 1]] != 0) or self.K[2, 2] != 1 or self.K[0, 1] != 0:
             raise CellError('camera_matrix: must be [fx, 0, cx, 0, fy, cy, 0, 0, 1]')
-        expected = DISTORTION_COEFFICIENTS.get(self.model)
-        if expected is None:
-            known = ', '.join(DISTORTION_COEFFICIENTS)
-            raise CellError(f'distortion_model: {self.model!r} is not one of {known}')
+        require_one_of('distortion_model', self.model, DISTORTION_COEFFICIENTS, error=CellError)
+        expected = DISTORTION_COEFFICIENTS[self.model]
         if self.distortion.shape != (expected,) or not np.isfinite(self.distortion).all():
             raise CellError(f'distortion_coefficients: {self.model} has {expected} finite numbers')
 
@@ -68,22 +70,22 @@ class Camera:
 
         uv : (n, 2) pixel (column, row)
         returns : (n, 3) float64, (x, y, 1) in ``camera_optical_frame``; x, y are NaN where the
-            lens model folds back and no ray reaches the pixel
+            distortion model is not invertible and no ray reaches the pixel
         """
         pixels = np.asarray(uv, dtype=np.float64).reshape(-1, 1, 2)
         rays = np.ones((len(pixels), 3))
         if len(pixels):
             rays[:, :2] = _undistort(pixels, self.K, self.distortion).reshape(-1, 2)
-            # OpenCV's iteration returns where it stopped, converged or not
-            missed = np.abs(self.project(rays) - pixels[:, 0]).max(axis=1)
-            rays[~(missed < _MISSED), :2] = np.nan
+            # OpenCV returns the last iterate, whether or not it converged
+            error = np.abs(self.project(rays) - pixels[:, 0]).max(axis=1)
+            rays[~(error < _MAX_REPROJECTION), :2] = np.nan
         return rays
 
     def project(self, points_xyz: ArrayLike) -> Floats:
         """
-        Return where points are seen, with distortion.
+        Project points to the image, with distortion.
 
-        points_xyz : (n, 3) metres, in ``camera_optical_frame``, in front of the camera
+        points_xyz : (n, 3) meters, in ``camera_optical_frame``, in front of the camera
         returns : (n, 2) float64, pixel (column, row)
         """
         points = np.asarray(points_xyz, dtype=np.float64).reshape(-1, 1, 3)
@@ -93,36 +95,37 @@ class Camera:
         projected, _ = cv2.projectPoints(points, zero, zero, self.K, self.distortion)
         return np.asarray(projected, dtype=np.float64).reshape(-1, 2)
 
-    def ray_slopes(self, rays: Floats, along: Literal['u', 'v']) -> Floats:
+    def ray_jacobian(self, rays: Floats, along: Literal['u', 'v']) -> Floats:
         """
-        Return how rays change per pixel.
+        Return the derivative of rays by a pixel coordinate.
 
         rays : (n, 3) of unit depth, as ``rays`` returns them
-        along : the pixel coordinate that changes, the other stays
+        along : the pixel coordinate
         returns : (n, 3) float64, d(x, y, 1)/du or /dv
         """
         x, y = rays[:, 0], rays[:, 1]
         square = x * x + y * y
         k1, k2, p1, p2, k3 = self.distortion[:5]
-        radial, slope = _cubic((k1, k2, k3), square)
+        radial, derivative = _cubic((k1, k2, k3), square)
         if len(self.distortion) > 5:
-            below, below_slope = _cubic(self.distortion[5:], square)
-            radial = radial / below
-            slope = (slope - radial * below_slope) / below
-        # OpenCV's model, differentiated: the same twice off the diagonal
-        across = 2.0 * (x * y * slope + p1 * x + p2 * y)
-        by_x = radial + 2.0 * (x * x * slope + p1 * y + 3.0 * p2 * x)
-        by_y = radial + 2.0 * (y * y * slope + p2 * x + 3.0 * p1 * y)
-        first, second = (by_y, -across) if along == 'u' else (-across, by_x)
+            divisor, divisor_derivative = _cubic(self.distortion[5:], square)
+            radial = radial / divisor
+            derivative = (derivative - radial * divisor_derivative) / divisor
+        # Jacobian of OpenCV's distortion model; it is symmetric, and inverted in closed form
+        mixed = 2.0 * (x * y * derivative + p1 * x + p2 * y)
+        by_x = radial + 2.0 * (x * x * derivative + p1 * y + 3.0 * p2 * x)
+        by_y = radial + 2.0 * (y * y * derivative + p2 * x + 3.0 * p1 * y)
+        first, second = (by_y, -mixed) if along == 'u' else (-mixed, by_x)
         focal = self.K[0, 0] if along == 'u' else self.K[1, 1]
-        scale = 1.0 / (focal * (by_x * by_y - across * across))
+        scale = 1.0 / (focal * (by_x * by_y - mixed * mixed))
         return np.stack([first * scale, second * scale, np.zeros_like(x)], axis=1)
 
-    def require_image(self, shape: tuple[int, ...], where: str) -> None:
+    def require_image_size(self, shape: tuple[int, ...], where: str) -> None:
         """
-        Check that a picture has the size that this camera was calibrated at.
+        Check that an image has the size at which this camera was calibrated.
 
-        :raises CellError: it has another one; the message begins with ``where``
+        shape : (height, width, ...); where : begins the message
+        :raises CellError: it has another size
         """
         if shape[:2] != (self.height, self.width):
             raise CellError(
@@ -138,7 +141,7 @@ def _cubic(k: Sequence[float] | Floats, square: Floats) -> tuple[Floats, Floats]
 
 
 def _undistort(pixels: Floats, K: Floats, distortion: Floats) -> Any:
-    # OpenCV 5 gave undistortPoints the criteria that 4.x has in a function of its own.
+    # OpenCV 4 takes termination criteria in a separate function, OpenCV 5 in undistortPoints
     if hasattr(cv2, 'undistortPointsIter'):
-        return cv2.undistortPointsIter(pixels, K, distortion, None, None, _CONVERGED)
-    return cv2.undistortPoints(pixels, K, distortion, criteria=_CONVERGED)
+        return cv2.undistortPointsIter(pixels, K, distortion, None, None, _TERMINATION)
+    return cv2.undistortPoints(pixels, K, distortion, criteria=_TERMINATION)

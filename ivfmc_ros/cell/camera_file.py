@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The ``camera_info`` YAML of camera_calibration, which every ROS camera driver loads."""
+"""Reading and writing of camera calibration YAML, the format of ROS camera_calibration."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import yaml
 from ivfmc_ros import files
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.cell.camera import DISTORTION_COEFFICIENTS
-from ivfmc_ros.cell.fields import Fields
+from ivfmc_ros.cell.fields import YamlMapping
 from ivfmc_ros.errors import CellError
 from ivfmc_ros.model import Floats
 
@@ -19,24 +19,24 @@ def load_camera(path: Path) -> Camera:
     """
     Read a camera calibration file.
 
-    :raises CellError: names the file and the key that is missing or impossible
+    :raises CellError: a key is missing or has an impossible value; names the file and the key
     """
-    fields = Fields.read(path)
+    fields = YamlMapping.read(path)
     model = fields.text('distortion_model')
     if model not in DISTORTION_COEFFICIENTS:
         known = ', '.join(DISTORTION_COEFFICIENTS)
-        raise fields.fail('distortion_model', f'{model!r} is not one of {known}')
+        raise fields.error('distortion_model', f'{model!r} is not one of {known}')
     matrix = fields.mapping('camera_matrix').array('data', 9).reshape(3, 3)
     distortion = fields.mapping('distortion_coefficients')
     try:
         return Camera(
-            width=fields.count('image_width'),
-            height=fields.count('image_height'),
+            width=fields.positive_integer('image_width'),
+            height=fields.positive_integer('image_height'),
             K=matrix,
             distortion=distortion.array('data', DISTORTION_COEFFICIENTS[model]),
             model=model,
-            # a serial number is a name, though YAML makes a number of it
-            name=str(fields.get('camera_name')) if fields.has('camera_name') else 'camera',
+            # YAML parses a serial number to an integer
+            name=str(fields.required('camera_name')) if fields.has('camera_name') else 'camera',
         )
     except CellError as error:
         text = str(error)
@@ -47,7 +47,7 @@ def save_camera(path: Path, camera: Camera) -> None:
     """
     Write a camera calibration file.
 
-    :raises FileError: it cannot be written
+    :raises FileError: the file cannot be written
     """
     projection = np.hstack([camera.K, np.zeros((3, 1))])
     document = {

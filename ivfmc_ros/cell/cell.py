@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Camera, laser planes and table axis together: all that triangulation needs to know."""
+"""Calibration of a cell: camera, laser planes and turntable axis."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,12 +19,14 @@ from ivfmc_ros.model import Floats
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Turntable:
     """
-    Where the table stands.
+    Pose of the turntable in the camera frame.
 
-    camera_from_base : (4, 4) rigid, metres; takes ``turntable_base`` (origin where the axis meets
+    camera_from_base : (4, 4) rigid, meters; from ``turntable_base`` (origin where the axis meets
         the platter, z up along the axis, x towards the camera) to ``camera_optical_frame``
-    residual_rms : metres, of the calibration
+    joint : name in joint_states
+    residual_rms : meters, of the calibration
     covariance : (6, 6) of (translation, rotation vector) in ``camera_optical_frame``, or None
+    :raises CellError: the matrix is no rigid transform, or the table is behind the camera
     """
 
     camera_from_base: Floats
@@ -47,17 +49,17 @@ class Turntable:
 
     def to_part(self, points_xyz: Floats, angle: float) -> Floats:
         """
-        Take points from the camera to the part.
+        Transform points from ``camera_optical_frame`` to ``turntable``.
 
-        points_xyz : (n, 3) metres, ``camera_optical_frame``
-        angle : table position in radians when they were seen
-        returns : (n, 3) metres, ``turntable``
+        points_xyz : (n, 3) meters
+        angle : table position in radians at the exposure
+        returns : (n, 3) meters
         """
         base = transforms.apply(transforms.invert(self.camera_from_base), points_xyz)
         return np.asarray(base @ transforms.rotation_z(-angle).T)
 
     def to_camera(self, points_xyz: Floats, angle: float) -> Floats:
-        """Take (n, 3) points from ``turntable`` at ``angle`` to ``camera_optical_frame``."""
+        """Transform (n, 3) points from ``turntable`` at ``angle`` to ``camera_optical_frame``."""
         base = points_xyz @ transforms.rotation_z(angle).T
         return transforms.apply(self.camera_from_base, base)
 
@@ -65,9 +67,11 @@ class Turntable:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Cell:
     """
-    A calibrated cell. Lasers are named; a frame refers to them by their index here.
+    A calibrated cell.
 
-    notes : what the calibration noted: board (what gave the scale), temperature_c, exposure, focus
+    lasers : in the order to which ``Frame.laser`` and ``Profile.laser`` refer
+    notes : of the calibration: board (which gave the scale), temperature_c, exposure, focus
+    :raises CellError: no laser, two of one name, or a plane that the camera cannot see
     """
 
     camera: Camera
@@ -83,15 +87,15 @@ class Cell:
         if len(set(names)) != len(names):
             raise CellError(f'lasers: two have the same name ({", ".join(names)})')
         for laser in self.lasers:
-            if not sees(self.camera, laser):
+            if not is_visible(self.camera, laser):
                 raise CellError(f'lasers: {laser.name}: plane: the camera cannot see it')
 
 
-def sees(camera: Camera, laser: LaserPlane, farthest: float = 20.0) -> bool:
-    """Tell whether the sheet crosses the camera's picture nearer than ``farthest`` metres."""
+def is_visible(camera: Camera, laser: LaserPlane, max_depth: float = 20.0) -> bool:
+    """Return whether the camera sees the laser plane within ``max_depth`` meters."""
     columns, rows = np.meshgrid(
         np.linspace(0, camera.width - 1, 33), np.linspace(0, camera.height - 1, 25)
     )
     points = laser.intersect(camera.rays(np.stack([columns.ravel(), rows.ravel()], axis=1)))
     with np.errstate(invalid='ignore'):
-        return bool((points[:, 2] < farthest).any())
+        return bool((points[:, 2] < max_depth).any())

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""``cell.yaml``: the calibration of lasers and turntable."""
+"""Reading and writing of ``cell.yaml``, the calibration of lasers and turntable."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,25 +19,38 @@ from ivfmc_ros import files
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.cell import Turntable
-from ivfmc_ros.cell.fields import Fields
+from ivfmc_ros.cell.fields import YamlMapping
 from ivfmc_ros.cell.laser import Bow
 from ivfmc_ros.cell.laser import LaserPlane
 from ivfmc_ros.errors import CellError
 
-_Built = TypeVar('_Built')
+_T = TypeVar('_T')
 
 _VERSION = 1
 _NOTES = ('temperature_c', 'exposure', 'focus', 'board')
-_TOP = ('version', 'camera_frame', 'turntable', 'lasers', 'created', *_NOTES)
-_LASER = ('name', 'plane', 'residual_rms', 'stripe', 'bow', 'covariance', 'volume', 'thickness')
+_TOP_KEYS = ('version', 'camera_frame', 'turntable', 'lasers', 'created', *_NOTES)
+_LASER_KEYS = (
+    'name',
+    'plane',
+    'residual_rms',
+    'stripe',
+    'bow',
+    'covariance',
+    'volume',
+    'thickness',
+)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CellDraft:
     """
-    What is known of a cell so far: a calibration adds lasers and turntable one by one.
+    Contents of a ``cell.yaml`` that may still lack lasers or turntable.
 
-    notes : the optional keys temperature_c, exposure, focus, board, kept as they are
+    Calibrations add them one by one.
+
+    notes : the optional keys temperature_c, exposure, focus, board, unchecked
+    created : ISO 8601 time of the file; None for a changed draft
+    :raises ValueError: a note has another key
     """
 
     turntable: Turntable | None = None
@@ -52,7 +65,7 @@ class CellDraft:
                 raise ValueError(f'{key!r} is no note of a cell; known are {", ".join(_NOTES)}')
 
     def with_laser(self, laser: LaserPlane) -> 'CellDraft':
-        """Return the draft with ``laser`` in place of the one of its name, or added."""
+        """Return the draft with ``laser`` added; it replaces one of the same name."""
         names = [known.name for known in self.lasers]
         lasers = list(self.lasers)
         if laser.name in names:
@@ -62,7 +75,7 @@ class CellDraft:
         return replace(self, lasers=tuple(lasers), created=None)
 
     def with_turntable(self, turntable: Turntable) -> 'CellDraft':
-        """Return the draft with another turntable."""
+        """Return the draft with the turntable set."""
         return replace(self, turntable=turntable, created=None)
 
     def with_notes(self, **notes: Any) -> 'CellDraft':
@@ -71,9 +84,10 @@ class CellDraft:
 
     def complete(self, camera: Camera, where: str) -> Cell:
         """
-        Return the cell.
+        Return the complete cell.
 
-        :raises CellError: lasers or turntable are missing or impossible for ``camera``
+        where : the file; begins the message of an error
+        :raises CellError: lasers or turntable are missing, or do not fit ``camera``
         """
         if self.turntable is None:
             raise CellError(f"{where}: turntable: is missing; run 'ivfmc calibrate turntable'")
@@ -95,7 +109,7 @@ def load_cell(path: Path, camera: Camera) -> Cell:
     """
     Read a complete cell.
 
-    :raises CellError: names the file and the key that is missing, unknown or impossible
+    :raises CellError: a key is missing, unknown or impossible; names the file and the key
     """
     return load_draft(path).complete(camera, str(path))
 
@@ -104,32 +118,32 @@ def load_draft(path: Path) -> CellDraft:
     """
     Read a cell that may lack its lasers or its turntable.
 
-    :raises CellError: names the file and the key that is unknown or impossible
+    :raises CellError: a key is unknown or impossible; names the file and the key
     """
-    fields = Fields.read(path)
-    fields.only(*_TOP)
-    if fields.get('version') != _VERSION:
-        raise fields.fail('version', f'{fields.get("version")!r} is not {_VERSION}')
-    lasers = fields.get('lasers') if fields.has('lasers') else []
+    fields = YamlMapping.read(path)
+    fields.require_known_keys(*_TOP_KEYS)
+    if fields.required('version') != _VERSION:
+        raise fields.error('version', f'{fields.required("version")!r} is not {_VERSION}')
+    lasers = fields.required('lasers') if fields.has('lasers') else []
     if not isinstance(lasers, list):
-        raise fields.fail('lasers', 'must be a list')
+        raise fields.error('lasers', 'must be a list')
     return CellDraft(
         turntable=_read_turntable(fields) if fields.has('turntable') else None,
         lasers=tuple(
-            _read_laser(Fields.of(f'{fields.where}: lasers[{index}]', laser))
+            _read_laser(YamlMapping.of(f'{fields.where}: lasers[{index}]', laser))
             for index, laser in enumerate(lasers)
         ),
         camera_frame=fields.text('camera_frame'),
         notes={key: fields.values[key] for key in _NOTES if fields.has(key)},
-        created=fields.time('created') if fields.has('created') else None,
+        created=fields.timestamp('created') if fields.has('created') else None,
     )
 
 
 def save_draft(path: Path, draft: CellDraft) -> None:
     """
-    Write a cell; ``created`` is now unless the draft was read from a file.
+    Write a draft; ``created`` is the present time unless the draft is unchanged since reading.
 
-    :raises FileError: it cannot be written
+    :raises FileError: the file cannot be written
     """
     now = datetime.now(UTC).replace(microsecond=0).isoformat().replace('+00:00', 'Z')
     document: dict[str, Any] = {'version': _VERSION, 'camera_frame': draft.camera_frame}
@@ -145,7 +159,7 @@ def save_cell(path: Path, cell: Cell) -> None:
     """
     Write a complete cell.
 
-    :raises FileError: it cannot be written
+    :raises FileError: the file cannot be written
     """
     draft = CellDraft(
         turntable=cell.turntable,
@@ -156,27 +170,27 @@ def save_cell(path: Path, cell: Cell) -> None:
     save_draft(path, draft)
 
 
-def _read_turntable(top: Fields) -> Turntable:
+def _read_turntable(top: YamlMapping) -> Turntable:
     fields = top.mapping('turntable')
-    fields.only('joint', 'camera_from_base', 'residual_rms', 'covariance')
-    return _named(
+    fields.require_known_keys('joint', 'camera_from_base', 'residual_rms', 'covariance')
+    return _with_location(
         fields,
         lambda: Turntable(
             joint=fields.text('joint'),
             camera_from_base=fields.array('camera_from_base', 16).reshape(4, 4),
             residual_rms=fields.number('residual_rms'),
-            covariance=_optional(fields, 'covariance', 6, 6),
+            covariance=_optional_matrix(fields, 'covariance', 6, 6),
         ),
     )
 
 
-def _read_laser(fields: Fields) -> LaserPlane:
-    fields.only(*_LASER)
+def _read_laser(fields: YamlMapping) -> LaserPlane:
+    fields.require_known_keys(*_LASER_KEYS)
     plane = fields.array('plane', 4)
     stripe = fields.text('stripe')
     if stripe not in ('rows', 'columns'):
-        raise fields.fail('stripe', f'{stripe!r} is neither rows nor columns')
-    return _named(
+        raise fields.error('stripe', f'{stripe!r} is neither rows nor columns')
+    return _with_location(
         fields,
         lambda: LaserPlane(
             name=fields.text('name'),
@@ -185,15 +199,15 @@ def _read_laser(fields: Fields) -> LaserPlane:
             stripe='rows' if stripe == 'rows' else 'columns',
             residual_rms=fields.number('residual_rms'),
             bow=_read_bow(fields.mapping('bow')) if fields.has('bow') else None,
-            covariance=_optional(fields, 'covariance', 4, 4),
-            volume=_optional(fields, 'volume', 2, 3),
+            covariance=_optional_matrix(fields, 'covariance', 4, 4),
+            volume=_optional_matrix(fields, 'volume', 2, 3),
             thickness=fields.number('thickness') if fields.has('thickness') else 0.0,
         ),
     )
 
 
-def _read_bow(fields: Fields) -> Bow:
-    fields.only('center', 'along', 'coefficients')
+def _read_bow(fields: YamlMapping) -> Bow:
+    fields.require_known_keys('center', 'along', 'coefficients')
     return Bow(
         center=fields.array('center', 3),
         along=fields.array('along', 3),
@@ -201,14 +215,14 @@ def _read_bow(fields: Fields) -> Bow:
     )
 
 
-def _optional(fields: Fields, key: str, rows: int, columns: int) -> Any:
+def _optional_matrix(fields: YamlMapping, key: str, rows: int, columns: int) -> Any:
     if not fields.has(key):
         return None
     return fields.array(key, rows * columns).reshape(rows, columns)
 
 
-def _named(fields: Fields, build: Callable[[], _Built]) -> _Built:
-    """Call ``build`` and put the place of ``fields`` before what it complains about."""
+def _with_location(fields: YamlMapping, build: Callable[[], _T]) -> _T:
+    """Call ``build``, and prefix the message of its CellError with file and key."""
     try:
         return build()
     except CellError as error:

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of YAML mappings that names the file and the key of whatever is wrong."""
+"""Typed access to YAML mappings; errors name the file, the key and the reason."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,18 +17,22 @@ from ivfmc_ros.model import Floats
 
 
 @dataclass(frozen=True)
-class Fields:
-    """A mapping of a YAML file; ``where`` is its place: the file, then the path of keys."""
+class YamlMapping:
+    """
+    A mapping of a YAML file.
+
+    where : the file and the path of keys to the mapping, with which error messages begin
+    """
 
     where: str
     values: Mapping[str, Any]
 
     @classmethod
-    def read(cls, path: Path) -> 'Fields':
+    def read(cls, path: Path) -> 'YamlMapping':
         """
-        Read a YAML file whose top is a mapping.
+        Read a YAML file whose top level is a mapping.
 
-        :raises CellError: the file cannot be read or is not such YAML
+        :raises CellError: the file cannot be read, is not YAML, or is no mapping
         """
         try:
             values = yaml.safe_load(path.read_text(encoding='utf-8'))
@@ -39,7 +43,7 @@ class Fields:
         return cls.of(str(path), values)
 
     @classmethod
-    def of(cls, where: str, values: object) -> 'Fields':
+    def of(cls, where: str, values: object) -> 'YamlMapping':
         """
         Wrap ``values``.
 
@@ -49,7 +53,7 @@ class Fields:
             raise CellError(f'{where}: must be a mapping of keys to values')
         return cls(where, values)
 
-    def only(self, *keys: str) -> None:
+    def require_known_keys(self, *keys: str) -> None:
         """:raises CellError: there is a key other than ``keys``."""
         unknown = [str(key) for key in self.values if key not in keys]
         if unknown:
@@ -57,66 +61,67 @@ class Fields:
                 f'{self.where}: unknown key {unknown[0]!r}; known are {", ".join(keys)}'
             )
 
-    def fail(self, key: str, problem: str) -> CellError:
-        """Return the error that says ``problem`` of ``key``."""
-        return CellError(f'{self.where}: {key}: {problem}')
+    def error(self, key: str, reason: str) -> CellError:
+        """Return an error that names the file, the key and the reason."""
+        return CellError(f'{self.where}: {key}: {reason}')
 
-    def get(self, key: str) -> Any:
-        """:raises CellError: there is no such key."""
+    def required(self, key: str) -> Any:
+        """Return the value of ``key``; :raises CellError: it is missing."""
         if key not in self.values:
-            raise self.fail(key, 'is missing')
+            raise self.error(key, 'is missing')
         return self.values[key]
 
     def has(self, key: str) -> bool:
-        """Tell whether ``key`` is given and not null."""
+        """Return whether ``key`` is given and not null."""
         return self.values.get(key) is not None
 
-    def mapping(self, key: str) -> 'Fields':
-        """:raises CellError: the value is not a mapping."""
-        return Fields.of(f'{self.where}: {key}', self.get(key))
+    def mapping(self, key: str) -> 'YamlMapping':
+        """Return a mapping; :raises CellError: the value is none."""
+        return YamlMapping.of(f'{self.where}: {key}', self.required(key))
 
     def text(self, key: str) -> str:
-        """:raises CellError: the value is not text, or empty."""
-        value = self.get(key)
+        """Return a text; :raises CellError: the value is no text, or empty."""
+        value = self.required(key)
         if not isinstance(value, str) or not value:
-            raise self.fail(key, 'must be a text')
+            raise self.error(key, 'must be a text')
         return value
 
-    def time(self, key: str) -> str:
-        """Return an ISO 8601 time as text; YAML turns an unquoted one into a datetime."""
-        value = self.get(key)
+    def timestamp(self, key: str) -> str:
+        """Return an ISO 8601 time as text; :raises CellError: the value is none."""
+        value = self.required(key)
+        # YAML parses an unquoted time to a datetime
         if isinstance(value, datetime):
             return value.isoformat().replace('+00:00', 'Z')
         try:
             datetime.fromisoformat(str(value))
         except ValueError:
-            raise self.fail(key, 'must be an ISO 8601 time') from None
+            raise self.error(key, 'must be an ISO 8601 time') from None
         return str(value)
 
     def number(self, key: str) -> float:
-        """:raises CellError: the value is not a finite number."""
-        return self._number(key, self.get(key))
+        """Return a finite number; :raises CellError: the value is none."""
+        return self._number(key, self.required(key))
 
-    def count(self, key: str) -> int:
-        """:raises CellError: the value is not a positive whole number."""
-        value = self.get(key)
+    def positive_integer(self, key: str) -> int:
+        """Return a positive integer; :raises CellError: the value is none."""
+        value = self.required(key)
         if isinstance(value, bool) or not isinstance(value, int) or value <= 0:
-            raise self.fail(key, 'must be a positive whole number')
+            raise self.error(key, 'must be a positive whole number')
         return value
 
     def array(self, key: str, count: int) -> Floats:
         """
-        Return a flat list of ``count`` numbers, (count,) float64.
+        Return a flat list of ``count`` finite numbers as (count,) float64.
 
-        :raises CellError: it is not one
+        :raises CellError: the value is none
         """
-        value = self.get(key)
+        value = self.required(key)
         if not isinstance(value, list) or len(value) != count:
-            raise self.fail(key, f'must be a list of {count} numbers')
+            raise self.error(key, f'must be a list of {count} numbers')
         return np.array([self._number(key, item) for item in value])
 
     def _number(self, key: str, value: object) -> float:
-        # PyYAML follows YAML 1.1, in which 4e-5 without a dot is a text.
+        # PyYAML implements YAML 1.1, in which 4e-5 without a decimal point is a text
         if isinstance(value, str | int | float) and not isinstance(value, bool):
             try:
                 number = float(value)
@@ -124,4 +129,4 @@ class Fields:
                 number = math.nan
             if math.isfinite(number):
                 return number
-        raise self.fail(key, f'{value!r} is not a finite number')
+        raise self.error(key, f'{value!r} is not a finite number')

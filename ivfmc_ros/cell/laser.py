@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A sheet of laser light: a plane, or a plane with a bow."""
+"""Laser sheet: a plane, or a plane with a bow, and its intersection with camera rays."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -11,12 +11,13 @@ from ivfmc_ros.errors import CellError
 from ivfmc_ros.model import Floats
 from ivfmc_ros.validation import require_in_range
 
-# Below this the camera looks along the sheet and a stripe says nothing about depth.
+# meters; with the camera center nearer to the plane, the image of the stripe does not depend on
+# depth.
 MIN_CAMERA_DISTANCE = 1e-3
-# 1 sigma of a sheet that is thicker makes no stripe.
-MOST_THICKNESS = 0.01  # metres
-# Six decimals in a file are enough for a unit vector.
-_UNIT = 1e-6
+# meters, 1 sigma; a thicker sheet gives no stripe.
+MAX_THICKNESS = 0.01
+# Tolerance of unit vectors: files give six decimals.
+_UNIT_TOLERANCE = 1e-6
 
 Stripe = Literal['rows', 'columns']
 
@@ -24,13 +25,13 @@ Stripe = Literal['rows', 'columns']
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Bow:
     """
-    How a sheet departs from its plane, in ``camera_optical_frame``.
+    Quadratic deviation of a sheet from its plane, in ``camera_optical_frame``.
 
     The sheet is n.X + d = a s^2 + b s t + c t^2 with s = along.(X - center) and
-    t = (n x along).(X - center), metres. A cylinder lens that is tilted to the beam casts such
-    a shallow cone.
+    t = (n x along).(X - center), meters. A cylindrical lens that is tilted to the beam projects
+    such a shallow cone.
 
-    center : (3,) metres, on the plane
+    center : (3,) meters, on the plane
     along : (3,) unit vector in the plane
     coefficients : (3,) a, b, c in 1/metre
     """
@@ -43,14 +44,15 @@ class Bow:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LaserPlane:
     """
-    Where one laser shines, in ``camera_optical_frame``.
+    Plane of one laser in ``camera_optical_frame``.
 
-    normal : (3,) unit vector n, and offset d in metres: n.X + d = 0
+    normal, offset : (3,) unit vector n and d in meters, with n.X + d = 0
     stripe : 'rows' has one stripe point per image row, 'columns' one per image column
-    residual_rms : metres, of the calibration
+    residual_rms : meters, of the calibration
     covariance : (4, 4) of (nx, ny, nz, d), or None
-    volume : (2, 3) metres, least and greatest X, Y, Z of the calibration's points, or None
-    thickness : metres, 1 sigma of the sheet across its plane at the part; 0 where not known
+    volume : (2, 3) meters, bounding box of the points of the calibration, or None
+    thickness : meters, 1 sigma of the sheet across its plane at the part; 0 if not known
+    :raises CellError: a value is impossible, or the plane passes through the camera center
     """
 
     name: str
@@ -65,29 +67,29 @@ class LaserPlane:
 
     def __post_init__(self) -> None:
         require_in_range(
-            'thickness', self.thickness, 0.0, MOST_THICKNESS, 'm', open_high=True, error=CellError
+            'thickness', self.thickness, 0.0, MAX_THICKNESS, 'm', open_high=True, error=CellError
         )
-        if not abs(float(np.linalg.norm(self.normal)) - 1.0) <= _UNIT:
+        if not abs(float(np.linalg.norm(self.normal)) - 1.0) <= _UNIT_TOLERANCE:
             raise CellError('plane: the normal (first three numbers) must have length 1')
         if not np.isfinite(self.offset):
             raise CellError('plane: the offset (fourth number) must be a finite number')
         if abs(self.offset) < MIN_CAMERA_DISTANCE:
             raise CellError(
-                'plane: the camera centre lies in the laser plane, nothing can be triangulated; '
+                'plane: the camera center lies in the laser plane, nothing can be triangulated; '
                 'move the laser aside'
             )
         if self.bow is not None:
             along = self.bow.along
-            unit = abs(float(np.linalg.norm(along)) - 1.0) <= _UNIT
-            if not (unit and abs(float(along @ self.normal)) <= _UNIT):
+            unit = abs(float(np.linalg.norm(along)) - 1.0) <= _UNIT_TOLERANCE
+            if not (unit and abs(float(along @ self.normal)) <= _UNIT_TOLERANCE):
                 raise CellError('bow: along: must be a unit vector in the plane')
 
     def distance(self, points_xyz: Floats) -> Floats:
         """
         Return the signed distance of points from the sheet.
 
-        points_xyz : (n, 3) metres, in ``camera_optical_frame``
-        returns : (n,) float64, metres (to second order in the bow)
+        points_xyz : (n, 3) meters, in ``camera_optical_frame``
+        returns : (n,) float64, meters (to second order in the bow)
         """
         distance = points_xyz @ self.normal + self.offset
         if self.bow is not None:
@@ -98,10 +100,10 @@ class LaserPlane:
 
     def intersect(self, rays: Floats) -> Floats:
         """
-        Return where rays from the camera centre meet the sheet.
+        Intersect rays from the camera center with the sheet.
 
         rays : (n, 3) directions of unit depth, in ``camera_optical_frame``
-        returns : (n, 3) float64, metres; NaN where a ray misses the sheet in front of the camera
+        returns : (n, 3) float64, meters; NaN where there is no intersection in front of the camera
         """
         with np.errstate(divide='ignore', invalid='ignore'):
             depth = self._depth(rays)
@@ -115,12 +117,12 @@ class LaserPlane:
         s_ray, t_ray = self._in_plane(rays)
         s_center, t_center = self._in_plane(self.bow.center)
         a, b, c = self.bow.coefficients
-        # X = depth * ray in the sheet's equation gives A depth^2 + B depth + C = 0
+        # X = depth * ray, inserted into the sheet's equation: A depth^2 + B depth + C = 0
         A = -(a * s_ray**2 + b * s_ray * t_ray + c * t_ray**2)
         B = linear + 2 * a * s_ray * s_center + 2 * c * t_ray * t_center
         B = B + b * (s_ray * t_center + t_ray * s_center)
         C = self.offset - (a * s_center**2 + b * s_center * t_center + c * t_center**2)
-        # of the two roots the one near the plane, in the form that does not cancel
+        # the root near the plane, in the form without cancellation
         root = np.sqrt(B * B - 4 * A * C)
         return np.asarray(-2 * C / (B + np.copysign(root, B)))
 

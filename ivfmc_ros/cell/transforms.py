@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rigid transforms as 4x4 matrices: ``target_from_source`` takes source to target."""
+"""Rigid transforms as 4x4 matrices; ``target_from_source`` maps points of source to target."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +25,7 @@ def rotation_z(angle: ArrayLike) -> Floats:
 
 
 def rigid(rotation: Floats, translation: ArrayLike) -> Floats:
-    """Return the (4, 4) matrix of a (3, 3) rotation and a (3,) translation in metres."""
+    """Return the (4, 4) matrix of a (3, 3) rotation and a (3,) translation in meters."""
     T = np.eye(4)
     T[:3, :3] = rotation
     T[:3, 3] = np.asarray(translation)
@@ -39,11 +39,11 @@ def invert(T: Floats) -> Floats:
 
 
 def apply(T: Floats, points_xyz: Floats) -> Floats:
-    """Return (..., 3) points moved by a rigid (4, 4) matrix."""
+    """Return (..., 3) points transformed by a rigid (4, 4) matrix."""
     return np.asarray(points_xyz @ T[:3, :3].T + T[:3, 3])
 
 
 def is_rotation(R: Floats, tolerance: float = 1e-5) -> bool:
-    """Tell whether a (3, 3) matrix is orthonormal and not a reflection."""
+    """Return whether a (3, 3) matrix is orthonormal and not a reflection."""
     orthonormal = np.abs(R @ R.T - np.eye(3)).max() <= tolerance
     return bool(orthonormal and np.linalg.det(R) > 0)

@@ -1,9 +1,9 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-``cell.urdf``: the cell as robot_state_publisher wants it, made from ``cell.yaml``.
+URDF of a cell for robot_state_publisher, generated from ``cell.yaml``.
 
-There is one truth about where the table is; this file only tells it to TF.
+TF thus has the same calibration as the scanner; the file is not to be edited.
 """
 
 from pathlib import Path
@@ -20,7 +20,7 @@ from ivfmc_ros.model import Floats
 BASE = 'turntable_base'
 TABLE = 'turntable'
 
-# drawn only: the platter and the camera's housing, metres
+# Shapes for display only: radius and height of the platter, edges of the camera, meters.
 _PLATTER = ('0.09', '0.006')
 _HOUSING = '0.03 0.03 0.05'
 
@@ -32,7 +32,7 @@ def urdf(draft: CellDraft) -> str:
     :raises CellError: the cell has no turntable
     """
     if draft.turntable is None:
-        raise CellError('cell.yaml: turntable: is missing, there is nothing to describe')
+        raise CellError('cell.yaml: turntable: is missing, so there is no URDF')
     robot = ElementTree.Element('robot', name='ivfmc_cell')
     ElementTree.SubElement(robot, 'link', name=BASE)
     table = ElementTree.SubElement(robot, 'link', name=TABLE)
@@ -45,7 +45,7 @@ def urdf(draft: CellDraft) -> str:
     ElementTree.SubElement(turning, 'axis', xyz='0 0 1')
     ElementTree.indent(robot)
     text = ElementTree.tostring(robot, encoding='unicode')
-    return f'<?xml version="1.0"?>\n<!-- made from cell.yaml; change that -->\n{text}\n'
+    return f'<?xml version="1.0"?>\n<!-- generated from cell.yaml; edit that file -->\n{text}\n'
 
 
 def write_urdf(path: Path, draft: CellDraft) -> None:
@@ -62,7 +62,7 @@ def roll_pitch_yaw(R: Floats) -> Floats:
     """Return (3,) radians about the fixed axes x, y, z, in that order, of a (3, 3) rotation."""
     pitch = np.arcsin(np.clip(-R[2, 0], -1.0, 1.0))
     if abs(R[2, 0]) > 1.0 - 1e-12:
-        # looking straight along z, roll and yaw are one; yaw is left out
+        # gimbal lock: roll and yaw have the same axis, yaw is set to 0
         return np.array([np.arctan2(-R[1, 2], R[1, 1]), pitch, 0.0])
     return np.array([np.arctan2(R[2, 1], R[2, 2]), pitch, np.arctan2(R[1, 0], R[0, 0])])
 
@@ -85,7 +85,7 @@ def _origin(element: ElementTree.Element, T: Floats) -> None:
 def _platter(link: ElementTree.Element) -> None:
     radius, height = _PLATTER
     visual = ElementTree.SubElement(link, 'visual')
-    # its upper face is where the part stands
+    # the part stands on its upper face
     ElementTree.SubElement(visual, 'origin', xyz=f'0 0 -{float(height) / 2}', rpy='0 0 0')
     geometry = ElementTree.SubElement(visual, 'geometry')
     ElementTree.SubElement(geometry, 'cylinder', radius=radius, length=height)

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The working volume: a cylinder about the table's axis."""
+"""Working volume of a cell: a cylinder about the turntable axis."""
 
 from dataclasses import dataclass
 
@@ -15,9 +15,10 @@ from ivfmc_ros.validation import require_in_range
 @dataclass(frozen=True, kw_only=True)
 class Volume:
     """
-    A cylinder in ``turntable_base``; what lies outside is no part of the scanned object.
+    A cylinder in ``turntable_base``; points outside of it are discarded.
 
-    radius, bottom, top : metres; bottom and top are heights above the platter
+    radius, bottom, top : meters; bottom and top are heights above the platter
+    :raises ParameterError: a value is out of range, or bottom is not below top
     """
 
     radius: float = 0.060
@@ -29,11 +30,11 @@ class Volume:
         if not -1.0 <= self.bottom < self.top <= 10.0:
             raise ParameterError(
                 f'bottom, top: {self.bottom} m to {self.top} m is no height range; '
-                'they must rise, from -1 m to 10 m'
+                'bottom must be below top, from -1 m to 10 m'
             )
 
     def contains(self, points_xyz: Floats) -> Bools:
-        """Tell of (..., 3) points which are inside; NaN is not."""
+        """Return (...) bool, which of (..., 3) points are inside; NaN is not."""
         with np.errstate(invalid='ignore'):
             near = np.hypot(points_xyz[..., 0], points_xyz[..., 1]) <= self.radius
             z = points_xyz[..., 2]

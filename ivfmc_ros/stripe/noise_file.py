@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""``noise.yaml``: the noise of a camera, as ``ivfmc calibrate noise`` writes it."""
+"""Reading and writing ``noise.yaml``, the noise model that ``ivfmc calibrate noise`` writes."""
 
 import math
 from pathlib import Path
@@ -8,38 +8,39 @@ from pathlib import Path
 import yaml
 
 from ivfmc_ros import files
-from ivfmc_ros.cell.fields import Fields
+from ivfmc_ros.cell.fields import YamlMapping
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
-from ivfmc_ros.stripe.noise import Noise
+from ivfmc_ros.stripe.noise import SensorNoise
 
 VERSION = 1
 
 
-def load_noise(path: Path) -> Noise:
+def load_noise(path: Path) -> SensorNoise:
     """
-    Read a noise file.
+    Read a noise model.
 
-    :raises CellError: names the file and the key that is missing, unknown or impossible
+    :raises CellError: a key is missing, unknown or invalid; the message names file and key
+    :raises FileError: a value is out of range
     """
-    fields = Fields.read(path)
-    fields.only('version', 'read', 'electrons_per_dn', 'speckle')
-    if fields.count('version') != VERSION:
-        raise fields.fail('version', f'must be {VERSION}')
+    fields = YamlMapping.read(path)
+    fields.require_known_keys('version', 'read', 'electrons_per_dn', 'speckle')
+    if fields.positive_integer('version') != VERSION:
+        raise fields.error('version', f'must be {VERSION}')
     shot = fields.number('electrons_per_dn') if fields.has('electrons_per_dn') else math.inf
     try:
-        return Noise(
+        return SensorNoise(
             read=fields.number('read'), electrons_per_dn=shot, speckle=fields.number('speckle')
         )
     except ParameterError as error:
         raise FileError(f'{path}: {error}') from None
 
 
-def save_noise(path: Path, noise: Noise) -> None:
+def save_noise(path: Path, noise: SensorNoise) -> None:
     """
-    Write a noise file; no shot noise at all is written as null.
+    Write a noise model; ``electrons_per_dn`` is null without shot noise.
 
-    :raises FileError: it cannot be written
+    :raises FileError: the file cannot be written
     """
     shot = noise.electrons_per_dn
     document = {

@@ -42,5 +42,5 @@ def test_paper_arrangement_sees_its_stripe_on_the_axis():
 
 def test_camera_in_the_sheet_is_refused():
     geometry = PaperGeometry(distance=0.4, height=0.0, tilt=0.0, laser_height=0.05)
-    with pytest.raises(CellError, match='camera centre lies in the laser plane'):
+    with pytest.raises(CellError, match='camera center lies in the laser plane'):
         paper_cell(bench_cell().camera, geometry)

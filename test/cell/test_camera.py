@@ -43,7 +43,7 @@ def test_slopes_are_the_derivative_of_rays(name, along, step):
     camera = camera_with(name)
     uv = all_over(camera)
     ahead, behind = camera.rays(uv + step), camera.rays(uv - np.array(step))
-    slopes = camera.ray_slopes(camera.rays(uv), along)
+    slopes = camera.ray_jacobian(camera.rays(uv), along)
     assert np.abs(slopes - (ahead - behind) / 2e-3).max() < 1e-6 * np.abs(slopes).max()
 
 
@@ -141,14 +141,14 @@ def test_impossible_camera_is_refused(changes, problem):
 
 def test_picture_of_another_size_is_refused():
     with pytest.raises(CellError, match=r'^left\.png: .* 1280 x 1024, .* at 640 x 512'):
-        small_camera().require_image((1024, 1280, 3), 'left.png')
+        small_camera().require_image_size((1024, 1280, 3), 'left.png')
 
 
 def test_turned_picture_is_refused():
     with pytest.raises(CellError, match='512 x 640'):
-        small_camera().require_image((640, 512), 'turned.png')
+        small_camera().require_image_size((640, 512), 'turned.png')
 
 
 def test_picture_of_the_size_is_taken():
-    small_camera().require_image((512, 640, 3), 'a.png')
-    small_camera().require_image((512, 640), 'a.png')
+    small_camera().require_image_size((512, 640, 3), 'a.png')
+    small_camera().require_image_size((512, 640), 'a.png')

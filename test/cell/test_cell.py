@@ -7,7 +7,7 @@ import pytest
 from support.synthetic import small_cell
 
 from ivfmc_ros.cell import transforms
-from ivfmc_ros.cell.cell import sees
+from ivfmc_ros.cell.cell import is_visible
 from ivfmc_ros.cell.cell import Turntable
 from ivfmc_ros.cell.laser import LaserPlane
 from ivfmc_ros.errors import CellError
@@ -108,4 +108,4 @@ def test_plane_beside_the_picture_is_refused():
 
 def test_seen_planes_are_seen():
     cell = small_cell()
-    assert all(sees(cell.camera, laser) for laser in cell.lasers)
+    assert all(is_visible(cell.camera, laser) for laser in cell.lasers)

@@ -195,7 +195,7 @@ def test_cell_without_laser_says_which_command_finds_it(cell_yaml, lasers):
         ('plane: [0.8, 0.0,', 'plane: [0.8,', r'lasers\[0\]: plane: must be a list of 4'),
         ('plane: [0.8', 'plane: [.nan', r'lasers\[0\]: plane: nan is not a finite'),
         ('plane: [0.8', 'plane: [0.9', r'lasers\[0\]: plane: the normal .* length 1'),
-        ('0.24]', '0.0]', r'lasers\[0\]: plane: the camera centre lies in the laser plane'),
+        ('0.24]', '0.0]', r'lasers\[0\]: plane: the camera center lies in the laser plane'),
         ('created: 2026-11-23T10:00:00Z', 'created: today', 'created: must be an ISO 8601'),
         ('turntable:', 'turntable: 3\nrest:', 'unknown key .rest.'),
         ('lasers:', 'lasers: left\nboard:', 'lasers: must be a list'),

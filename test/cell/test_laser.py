@@ -88,8 +88,8 @@ def test_no_rays_no_points():
 
 
 @pytest.mark.parametrize('offset', [0.0, 5e-4, -5e-4])
-def test_camera_centre_in_the_plane_is_refused(offset):
-    with pytest.raises(CellError, match='plane: the camera centre lies in the laser plane'):
+def test_camera_center_in_the_plane_is_refused(offset):
+    with pytest.raises(CellError, match='plane: the camera center lies in the laser plane'):
         sheet(offset=offset)
 
 
