@@ -91,27 +91,27 @@ class AmbiguousError(GeometryError):
 
 
 class DeviceError(ScanError):
-    """A camera or motion board does not do what it was told."""
+    """A camera or motion controller did not do what it was asked to do."""
 
     code = 'DEVICE'
 
 
-class BoardLostError(DeviceError):
-    """The motion board cannot be reached, or answers no longer."""
+class ControllerLostError(DeviceError):
+    """The motion controller cannot be reached, or no longer answers."""
 
-    code = 'BOARD_LOST'
-
-
-class BoardAlarmError(DeviceError):
-    """The motion board is locked or has lost its position; it must be homed or unlocked."""
-
-    code = 'BOARD_ALARM'
+    code = 'CONTROLLER_LOST'
 
 
-class BoardRefusedError(DeviceError):
-    """The motion board understood a command and refused it."""
+class ControllerAlarmError(DeviceError):
+    """The motion controller is locked or has lost its position; home it or clear the alarm."""
 
-    code = 'BOARD_REFUSED'
+    code = 'CONTROLLER_ALARM'
+
+
+class ControllerRefusedError(DeviceError):
+    """The motion controller understood a command and refused it."""
+
+    code = 'CONTROLLER_REFUSED'
 
 
 class StoppedError(DeviceError):

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which laser may shine: by a keep-alive, by permit, or by hand for a short time."""
+"""Interlock of the lasers: which one may be on, from keep-alive, permit and manual requests."""
 
 from collections.abc import Callable
 from collections.abc import Sequence
@@ -17,14 +17,14 @@ Clock = Callable[[], float]
 
 
 @dataclass(frozen=True, kw_only=True)
-class BeamRules:
+class BeamSettings:
     """
-    When a laser may shine.
+    Conditions under which a laser may be on.
 
-    hold_timeout : seconds after the last keep-alive until all lasers go off
-    limit : seconds that a laser may be on by hand
-    permit_required : nothing shines before a permit was given, nor after it was taken away
-    permit_timeout : seconds that a permit is good for, 0 for until it is taken away
+    hold_timeout : seconds after the last beam_hold until all lasers go off
+    limit : seconds that a laser may be on by a manual request
+    permit_required : no laser is on unless beam_permit is true
+    permit_timeout : seconds that a permit is valid, 0 for until it is withdrawn
     """
 
     hold_timeout: float = 0.5
@@ -41,11 +41,11 @@ class BeamRules:
 @dataclass(frozen=True, kw_only=True)
 class Beam:
     """
-    What shall shine.
+    The decision of the interlock.
 
-    laser : the one that is on, None for none
-    urgent : nobody vouches for a beam, so that one that is on goes off also while the table moves
-    reason : why nothing shines, '' otherwise
+    laser : name of the laser that should be on, None for none
+    urgent : a laser that is on now must go off even if that stops a moving table
+    reason : why no laser may be on, '' otherwise
     """
 
     laser: str | None
@@ -53,105 +53,112 @@ class Beam:
     reason: str
 
 
-class BeamKeeper:
+class BeamInterlock:
     """
-    Decides, and never waits. Thread safe.
+    Decides which laser should be on. Thread safe; no method waits.
 
-    lasers : the names that there are
-    rules : can be replaced at any time
-    clock : steady seconds
+    lasers : names of the lasers
+    settings : may be replaced at any time
+    clock : returns steady seconds
     """
 
     def __init__(
-        self, lasers: Sequence[str], rules: BeamRules, clock: Clock = time.monotonic
+        self, lasers: Sequence[str], settings: BeamSettings, clock: Clock = time.monotonic
     ) -> None:
         self._lasers = tuple(lasers)
-        self.rules = rules
+        self.settings = settings
         self._clock = clock
         self._lock = threading.Lock()
         self._held: str | None = None
         self._held_at = -math.inf
-        self._refused: str | None = None  # held while somebody pressed stop
-        self._hand: str | None = None
-        self._hand_until = -math.inf
+        self._blocked: str | None = None  # stays off after a stop until it is released
+        self._manual: str | None = None
+        self._manual_until = -math.inf
         self._permitted_at = -math.inf
 
     @property
-    def held(self) -> bool:
-        """A keep-alive came lately: frames are wanted, the cell is not idle."""
-        return self._clock() - self._held_at <= self.rules.hold_timeout
+    def hold_active(self) -> bool:
+        """Whether a beam_hold arrived within ``hold_timeout``: a scan wants images."""
+        return self._clock() - self._held_at <= self.settings.hold_timeout
 
     def hold(self, name: str) -> None:
         """
-        Keep one laser alive; '' is none.
+        Request one laser for another ``hold_timeout``; '' requests none.
 
-        :raises ParameterError: there is no such laser; then none shines
+        :raises ParameterError: there is no such laser; all go off then
         """
         with self._lock:
             known = name in self._lasers
-            if not self.held or name != self._refused:
-                self._refused = None
+            if not self.hold_active or name != self._blocked:
+                self._blocked = None
             self._held_at, self._held = self._clock(), name if known else None
-            self._hand = None
+            self._manual = None
         if name and not known:
-            raise ParameterError(f'beam_hold: {name!r} is no laser; there are {self._known}')
+            raise ParameterError(
+                f'beam_hold: there is no laser {name!r}; the lasers are: {self._known}'
+            )
 
     def permit(self, allowed: bool) -> None:
-        """Give the permit, or take it away."""
+        """Grant the permit, or withdraw it."""
         with self._lock:
             self._permitted_at = self._clock() if allowed else -math.inf
 
     def enable(self, name: str, on: bool, moving: bool) -> None:
         """
-        Turn a laser on by hand, for at most ``limit`` seconds, or off.
+        Turn a laser on by a manual request, for at most ``limit`` seconds, or off.
 
-        :raises BusyError: the cell is not idle
-        :raises ParameterError: there is no such laser, or no permit
+        moving : whether the table moves
+        :raises BusyError: a scan runs, the table moves, or there is no permit
+        :raises ParameterError: there is no such laser
         """
         if name not in self._lasers:
-            raise ParameterError(f'enable: {name!r} is no laser; there are {self._known}')
+            raise ParameterError(
+                f'enable: there is no laser {name!r}; the lasers are: {self._known}'
+            )
         with self._lock:
             if not on:
-                self._hand = None if self._hand == name else self._hand
+                self._manual = None if self._manual == name else self._manual
                 return
-            if self.held or moving:
-                raise BusyError(f'{name}/enable: only in an idle cell; cancel the scan first')
+            if self.hold_active or moving:
+                raise BusyError(
+                    f'{name}/enable: works in an idle cell only; cancel the scan first'
+                )
             if not self._permitted:
-                raise BusyError(f'{name}/enable: beam_permit is required and not given')
-            self._hand, self._hand_until = name, self._clock() + self.rules.limit
+                raise BusyError(f'{name}/enable: beam_permit is required but was not granted')
+            self._manual, self._manual_until = name, self._clock() + self.settings.limit
 
-    def idle(self) -> None:
-        """End what was turned on by hand."""
+    def end_manual(self) -> None:
+        """Turn off a laser that was turned on by a manual request."""
         with self._lock:
-            self._hand = None
+            self._manual = None
 
-    def stopped(self) -> None:
-        """Somebody pressed stop: what is held now stays dark until it was let go."""
+    def block(self) -> None:
+        """Keep the requested laser off, after a stop, until its request ends or changes."""
         with self._lock:
-            self._hand = None
-            self._refused = self._held if self.held else None
+            self._manual = None
+            self._blocked = self._held if self.hold_active else None
 
     def decide(self) -> Beam:
-        """Return what shall shine now."""
+        """Return which laser should be on now."""
         with self._lock:
             if not self._permitted:
-                return Beam(laser=None, urgent=True, reason='beam_permit is not given')
-            if self.held:
-                if self._held is not None and self._held == self._refused:
+                return Beam(laser=None, urgent=True, reason='beam_permit is not granted')
+            if self.hold_active:
+                if self._held is not None and self._held == self._blocked:
                     return Beam(laser=None, urgent=True, reason='stopped')
                 return Beam(laser=self._held, urgent=False, reason='')
-            if self._hand is not None and self._clock() < self._hand_until:
-                return Beam(laser=self._hand, urgent=False, reason='')
-            self._hand = None
+            if self._manual is not None and self._clock() < self._manual_until:
+                return Beam(laser=self._manual, urgent=False, reason='')
+            self._manual = None
             return Beam(laser=None, urgent=True, reason='no beam_hold')
 
     @property
     def _permitted(self) -> bool:
-        rules = self.rules
-        if not rules.permit_required:
+        settings = self.settings
+        if not settings.permit_required:
             return True
-        lasts = rules.permit_timeout or math.inf
-        return self._permitted_at > -math.inf and self._clock() - self._permitted_at <= lasts
+        validity = settings.permit_timeout or math.inf
+        return self._permitted_at > -math.inf and self._clock() - self._permitted_at <= validity
 
     @property
     def _known(self) -> str:

@@ -1,24 +1,36 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a motion board with lasers is to the rest of the scanner."""
+"""
+Protocol of a motion controller: a device that turns the table and switches the lasers.
+
+Each family of controllers has a sub-package of its own (``devices/grbl``) with one class that
+implements ``MotionController``. ``TurntableDriver`` and the node know the protocol only.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
+# Values of ControllerState.alarm that every family uses; others are the family's own.
+CONTROLLER_LOST = 'CONTROLLER_LOST'  # not connected, or the connection was lost
+CONNECTING = 'CONNECTING'  # the port is open, the controller has not started yet
+POSITION_LOST = 'POSITION_LOST'  # the controller restarted, or stopped short of its target
+
 
 @dataclass(frozen=True, kw_only=True)
-class BoardState:
+class ControllerState:
     """
-    What the board does at ``stamp_ns``.
+    State of a controller at the time ``stamp_ns``.
 
-    position, velocity : radians (unwrapped) and radians per second, of the motion model that
-        follows the reports; counter-clockwise about +z is positive
-    reported : radians, what the board itself said last, at ``reported_ns``
-    moving : not standing at the end of a motion
-    alarm : why it does not take commands (such as POSITION_LOST), None when it does
-    lasers : by name, whether it is on
-    lasers_ns : when the board acknowledged the last change of a laser
+    stamp_ns : nanoseconds since the epoch
+    position, velocity : radians (unwrapped) and radians per second, estimated from the
+        commanded trajectory and the reports; counter-clockwise about +z is positive
+    reported : radians, the position that the controller reported last, at ``reported_ns``
+    moving : whether a motion is in progress
+    alarm : why the controller accepts no commands (such as POSITION_LOST), None if it does
+    lasers : whether each laser is on, by name
+    lasers_ns : when the controller acknowledged the last change of a laser, nanoseconds since
+        the epoch
     """
 
     stamp_ns: int
@@ -33,62 +45,73 @@ class BoardState:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limits:
-    """What the axis can do: radians per second, radians per second squared."""
+class AxisLimits:
+    """Greatest velocity and acceleration of the axis, rad/s and rad/s^2."""
 
     velocity: float
     acceleration: float
 
 
-class MotionBoard(Protocol):
+class MotionController(Protocol):
     """
     A rotary axis and its lasers.
 
-    All but ``poll`` wait for the board, may be called from any thread, and raise DeviceError.
+    All methods but ``poll`` block until the controller has answered, may be called from any
+    thread, and raise DeviceError.
     """
 
     def open(self) -> None:
         """
-        Connect, wait until the board has started, turn the lasers off.
+        Connect, wait until the controller has started, turn the lasers off.
 
-        :raises BoardLostError: there is no board, or it does not answer
+        :raises ControllerLostError: the port cannot be opened, or the controller does not answer
         """
 
     def close(self) -> None:
         """Turn the lasers off, stop, and disconnect; raises nothing."""
 
     def home(self) -> None:
-        """:raises BoardRefusedError: the board has no home switch, or homing is not enabled."""
+        """
+        Search the home switch, which defines position 0; return when the axis is there.
+
+        :raises ControllerRefusedError: there is no home switch, or homing is not enabled
+        """
 
     def stop(self) -> None:
-        """Brake and turn the lasers off, also while a command waits; that one is given up."""
+        """Brake and turn the lasers off; a command that waits for an answer is aborted."""
 
     def clear_alarm(self) -> None:
-        """Take commands again after an alarm or a lost board; the position may be wrong."""
+        """Unlock after an alarm, or connect again; the position may be wrong afterwards."""
 
     def move_to(self, position: float, velocity: float, acceleration: float) -> None:
         """
-        Begin a move that ends in standstill; return when the board has accepted it.
+        Begin a move that ends in standstill; return when the controller has accepted it.
 
-        A move in progress is given up: the table brakes first, then it goes to ``position``.
+        A move in progress is replaced: the table brakes first, then it goes to ``position``.
 
         position : radians, unwrapped
-        velocity, acceleration : positive, radians per second, radians per second squared
-        :raises BoardAlarmError: the board is locked
+        velocity, acceleration : positive, rad/s, rad/s^2
+        :raises ControllerAlarmError: the controller is locked
         """
 
     def set_laser(self, name: str | None) -> int:
         """
-        Turn one laser on and all others off; return when, nanoseconds since the epoch.
+        Turn one laser on and all others off; None turns all off.
 
-        None turns all off. A board whose laser lines wait for motion answers at its end.
+        A controller that switches outputs only at standstill answers when the motion has ended.
+
+        :returns: time of the acknowledgement, nanoseconds since the epoch
         """
 
     def set_power(self, power: float) -> None:
-        """Turn lasers whose power can be set on with so much, 0 to 1, from now on."""
+        """Set the power of lasers that can be dimmed, 0 to 1; applies to the next turning on."""
 
-    def poll(self) -> BoardState:
-        """Return what is known now, without waiting."""
+    def poll(self) -> ControllerState:
+        """Return the last known state without waiting."""
 
-    def limits(self) -> Limits:
-        """:raises BoardLostError: the board is not connected, nothing is known of it."""
+    def limits(self) -> AxisLimits:
+        """
+        Return the limits of the axis.
+
+        :raises ControllerLostError: the controller is not connected, its limits are unknown
+        """

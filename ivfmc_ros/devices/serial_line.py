@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A serial port whose lines are read by a thread of its own."""
+"""Serial port that is read line by line in a thread of its own."""
 
 from collections.abc import Callable
 import contextlib
@@ -10,20 +10,20 @@ import time
 
 import serial
 
-from ivfmc_ros.errors import BoardLostError
+from ivfmc_ros.errors import ControllerLostError
 
-_READ_WAIT = 0.02  # seconds; the thread looks at other things as often as this
-_WRITE_WAIT = 1.0  # seconds; nothing that is sent here fills a buffer, unless nobody reads it
-_LONGEST = 512  # bytes; more without an end of line is noise
+_READ_TIMEOUT = 0.02  # seconds; on_tick is called at least this often
+_WRITE_TIMEOUT = 1.0  # seconds; commands are short, only a port that nobody reads blocks so long
+_MAX_LINE_LENGTH = 512  # bytes; GRBL's lines are below 130, longer input without an end is noise
 
 
 class SerialLine:
     """
-    Lines to and from a board.
+    Sends bytes to a motion controller and receives lines from it.
 
-    on_line : called in the thread with a line and the monotonic second at which it began
-    on_tick : called in the thread every 20 ms or sooner
-    on_lost : called in the thread, once, when the port fails
+    on_line : called in the thread with each line and the monotonic second of its first byte
+    on_tick : called in the thread at least every 20 ms
+    on_lost : called in the thread, once, with the reason when the port fails
     """
 
     def __init__(
@@ -35,32 +35,33 @@ class SerialLine:
     ) -> None:
         self._on_line, self._on_tick, self._on_lost = on_line, on_tick, on_lost
         self._port: serial.Serial | None = None
-        self._writing = threading.Lock()
+        self._write_lock = threading.Lock()
         self._thread: threading.Thread | None = None
         self._closing = threading.Event()
         self._name = ''
 
     def open(self, name: str, baud: int) -> None:
         """
-        Open the port and begin to read.
+        Open the port and start the reading thread.
 
-        :raises BoardLostError: there is no such port, or somebody else uses it
+        name : device file or pyserial URL
+        :raises ControllerLostError: there is no such port, or another process uses it
         """
         try:
             port = serial.serial_for_url(
-                name, baud, timeout=_READ_WAIT, write_timeout=_WRITE_WAIT, exclusive=True
+                name, baud, timeout=_READ_TIMEOUT, write_timeout=_WRITE_TIMEOUT, exclusive=True
             )
         except (OSError, ValueError) as error:
             denied = getattr(error, 'errno', None) == errno.EACCES
-            hint = '; is the user in the group that owns it (dialout)?' if denied else ''
-            raise BoardLostError(f'port {name}: cannot be opened: {error}{hint}') from error
+            hint = '; add the user to the group that owns the port (dialout)' if denied else ''
+            raise ControllerLostError(f'port {name}: cannot be opened: {error}{hint}') from error
         self._name, self._port = name, port
         self._closing.clear()
-        self._thread = threading.Thread(target=self._read, name='board', daemon=True)
+        self._thread = threading.Thread(target=self._run, name='controller', daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread and close the port."""
+        """End the thread and close the port; may be called from the thread."""
         self._closing.set()
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join()
@@ -71,33 +72,39 @@ class SerialLine:
             self._port = None
 
     def write(self, data: bytes) -> None:
-        """:raises BoardLostError: the port takes nothing."""
+        """
+        Send bytes.
+
+        :raises ControllerLostError: the port is closed, or does not accept data
+        """
         port = self._port
         if port is None:
-            raise BoardLostError('the board is not connected; clear the alarm to connect again')
+            raise ControllerLostError(
+                'the controller is not connected; call clear_alarm to connect again'
+            )
         try:
-            with self._writing:
+            with self._write_lock:
                 port.write(data)
-        # pyserial lets a TypeError out when the port is closed under it
+        # pyserial lets a TypeError out when the port is closed by another thread
         except (OSError, TypeError) as error:
-            raise BoardLostError(f'port {self._name}: cannot be written: {error}') from error
+            raise ControllerLostError(f'port {self._name}: cannot be written: {error}') from error
 
-    def _read(self) -> None:
-        # pyserial lets other errors out, too; and a board that nobody hears any more is lost
+    def _run(self) -> None:
+        # any error, also of a callback, ends the thread: without it the controller is lost
         try:
-            self._listen(self._port)
+            self._read_lines(self._port)
         except Exception as error:
             self._on_lost(f'port {self._name}: {error}')
 
-    def _listen(self, port: serial.Serial | None) -> None:
-        rest, began = b'', 0.0
+    def _read_lines(self, port: serial.Serial | None) -> None:
+        partial, started = b'', 0.0
         while port is not None and not self._closing.is_set():
             data = port.read(max(1, port.in_waiting))
             now = time.monotonic()
-            began = began if rest else now
-            *lines, rest = (rest + data).split(b'\n')
+            started = started if partial else now
+            *lines, partial = (partial + data).split(b'\n')
             for line in lines:
-                self._on_line(line.strip().decode('ascii', 'replace'), began)
-                began = now
-            rest = rest[-_LONGEST:]
+                self._on_line(line.strip().decode('ascii', 'replace'), started)
+                started = now
+            partial = partial[-_MAX_LINE_LENGTH:]
             self._on_tick()

@@ -161,7 +161,7 @@ class CameraNode(LifecycleCellNode):
         calibration = self._calibration
         if calibration is not None:
             try:
-                calibration.require_image(picture.image.shape, 'camera_info')
+                calibration.require_image_size(picture.image.shape, 'camera_info')
             except ScanError as error:
                 # not published: a wrong calibration is worse than none
                 self._mismatch = str(error)

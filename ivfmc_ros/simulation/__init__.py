@@ -1,3 +1,10 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A cell without hardware: rendered stripes and boards, with their ground truth."""
+"""
+Simulation of a cell with ground truth.
+
+``bench`` is the cell, ``parts`` what stands on its table, ``render`` and ``boards`` make images;
+``grbl``, ``live`` and ``live_cell`` simulate the hardware in real time.
+"""
+
+from ivfmc_ros.simulation.bench import bench_cell as bench_cell

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The bench cell: fixed numbers, so that figures measured in simulation can be compared."""
+"""The bench cell: fixed geometry, so that results measured in simulation can be compared."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,14 +12,14 @@ from ivfmc_ros.cell.cell import Turntable
 from ivfmc_ros.cell.laser import LaserPlane
 from ivfmc_ros.model import Floats
 
-SIZE = (1280, 1024)  # pixels
+SIZE = (1280, 1024)  # pixels, width and height
 FOCAL_LENGTH = 2350.0  # pixels
 CAMERA_DISTANCE = 0.4  # metres, from the point of the axis that the camera looks at
 AIM_HEIGHT = 0.045  # metres above the platter
 CAMERA_ELEVATION = np.radians(20.0)
-# At equal angles the table's angle errors of order 6 and 12 would be invisible.
+# At equal angles the table's angle errors of order 6 and 12 would be unobservable.
 LASER_AZIMUTHS = {'left': np.radians(36.0), 'right': np.radians(-30.0)}
-MILD_DISTORTION = (-0.05, 0.01, 0.0, 0.0, 0.0)
+MILD_DISTORTION = (-0.05, 0.01, 0.0, 0.0, 0.0)  # plumb_bob: k1, k2, p1, p2, k3
 
 VOLUME_RADIUS = 0.06  # metres, working volume: a cylinder that stands on the platter
 VOLUME_HEIGHT = 0.1  # metres
@@ -27,10 +27,10 @@ VOLUME_HEIGHT = 0.1  # metres
 
 def bench_cell(distortion: ArrayLike = MILD_DISTORTION) -> Cell:
     """
-    Return the cell of all comparisons, without calibration errors.
+    Return the bench cell without calibration errors.
 
-    The camera is at azimuth 0 of ``turntable_base``. The lasers are named as somebody who
-    faces the camera across the table sees them: 'left' is on the right side of the picture.
+    The camera is at azimuth 0 of ``turntable_base``. The lasers are named as seen by an observer
+    who faces the camera across the table: 'left' is on the right side of the image.
 
     distortion : (5,) plumb_bob coefficients of the lens
     """
@@ -46,7 +46,7 @@ def bench_cell(distortion: ArrayLike = MILD_DISTORTION) -> Cell:
 
 
 def bench_camera(distortion: ArrayLike = MILD_DISTORTION) -> Camera:
-    """Return the bench cell's camera; its principal point is the centre of the picture."""
+    """Return the bench cell's camera; its principal point is the center of the image."""
     width, height = SIZE
     K = np.array(
         [
@@ -63,7 +63,7 @@ def look_at_axis(distance: float, elevation: float, height: float) -> Floats:
     """
     Return camera_from_base of an upright camera at azimuth 0 that looks at the table's axis.
 
-    distance : metres from the camera's centre to the point of the axis
+    distance : metres from the camera center to the point of the axis
     elevation : radians above the platter
     height : metres, of the point above the platter
     returns : (4, 4) rigid
@@ -71,12 +71,12 @@ def look_at_axis(distance: float, elevation: float, height: float) -> Floats:
     back = np.array([np.cos(elevation), 0.0, np.sin(elevation)])
     right = np.array([0.0, 1.0, 0.0])
     base_from_camera = np.stack([right, np.cross(-back, right), -back], axis=1)
-    centre = distance * back + (0.0, 0.0, height)
-    return transforms.rigid(base_from_camera.T, -base_from_camera.T @ centre)
+    center = distance * back + (0.0, 0.0, height)
+    return transforms.rigid(base_from_camera.T, -base_from_camera.T @ center)
 
 
 def axial_plane(name: str, azimuth: float, camera_from_base: Floats) -> LaserPlane:
-    """Return the laser plane that holds the table's axis at ``azimuth`` (radians, base)."""
+    """Return the laser plane through the table's axis at ``azimuth`` (radians, base frame)."""
     normal_base = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     normal = camera_from_base[:3, :3] @ normal_base
     normal /= np.linalg.norm(normal)

@@ -1,9 +1,10 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A process that is the hardware of a cell: motion board with table and two lasers, and a part.
+Process that simulates the hardware of a cell: motion controller, table, two lasers, a part.
 
-``python -m ivfmc_ros.simulation.live_cell --folder DIR`` serves until it is told to end.
+``python -m ivfmc_ros.simulation.live_cell --folder DIR`` runs until SIGINT or SIGTERM. The camera
+is simulated by the camera node, which reads the same folder.
 """
 
 import argparse
@@ -18,13 +19,13 @@ import signal
 import sys
 import threading
 
-from ivfmc_ros.devices.motion.ramp import Motion
-from ivfmc_ros.devices.motion.ramp import Piece
+from ivfmc_ros.devices.motion.trajectory import Segment
+from ivfmc_ros.devices.motion.trajectory import Trajectory
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.simulation.bench import bench_cell
-from ivfmc_ros.simulation.grbl.emulator import BoardEmulator
-from ivfmc_ros.simulation.grbl.modes import Outputs
+from ivfmc_ros.simulation.grbl.emulator import ControllerEmulator
+from ivfmc_ros.simulation.grbl.modal_state import LaserOutputs
 from ivfmc_ros.simulation.live.folder import LiveDescription
 from ivfmc_ros.simulation.live.folder import LiveFolder
 from ivfmc_ros.simulation.live.truth import TruthWriter
@@ -32,9 +33,9 @@ from ivfmc_ros.simulation.parts.loading import load_stl
 from ivfmc_ros.simulation.parts.loading import Solid
 from ivfmc_ros.simulation.parts.solids import demo_part
 from ivfmc_ros.simulation.render.optics import Optics
-from ivfmc_ros.simulation.render.optics import with_thickness
+from ivfmc_ros.simulation.render.optics import with_sheet_thickness
 
-_DEGREE = math.pi / 180
+_RADIANS_PER_UNIT = math.pi / 180  # the controller counts degrees
 
 
 @contextmanager
@@ -44,71 +45,71 @@ def live_cell(
     *,
     homing: bool = False,
     clock_scale: float = 1.0,
-) -> Iterator[BoardEmulator]:
+) -> Iterator[ControllerEmulator]:
     """
-    Serve a cell in ``folder`` until the block ends; then nothing of it is left there.
+    Simulate a cell in ``folder`` until the block ends, and remove its files then.
 
-    homing : the table has a home switch, and is locked until it was homed
-    clock_scale : board seconds in a second
-    :raises FileError: the folder cannot be written, or another process serves a cell in it
+    homing : whether the table has a home switch; it is locked then until it is homed
+    clock_scale : controller seconds per second
+    :raises FileError: the folder cannot be written, or another process simulates a cell in it
     """
-    with _only_one(folder.folder):
+    with _exclusive_lock(folder.folder):
         folder.clear()
         try:
             folder.write(description)
             truth = TruthWriter(folder.truth)
-            board = BoardEmulator(
-                folder.board,
-                on_motion=lambda now, motion: truth.motion(now, _in_radians(motion)),
-                on_outputs=lambda now, outputs: truth.lasers(now, _powers(outputs)),
+            controller = ControllerEmulator(
+                folder.controller,
+                on_motion=lambda now, motion: truth.write_motion(now, _in_radians(motion)),
+                on_outputs=lambda now, outputs: truth.write_lasers(now, _powers(outputs)),
                 clock_scale=clock_scale,
                 homing=homing,
                 seed=description.seed,
             )
-            board.start()
+            controller.start()
             try:
-                with _faults(folder.faults, board):
-                    yield board
+                with _fault_pipe(folder.faults, controller):
+                    yield controller
             finally:
-                board.stop()
+                controller.stop()
         finally:
             folder.clear()
 
 
 @contextmanager
-def _only_one(folder: Path) -> Iterator[None]:
+def _exclusive_lock(folder: Path) -> Iterator[None]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         handle = os.open(folder, os.O_RDONLY)
     except OSError as error:
-        raise FileError(f'{folder}: cannot be made: {error.strerror}') from error
+        raise FileError(f'{folder}: cannot be created: {error.strerror}') from error
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield
     except BlockingIOError as error:
-        raise FileError(f'{folder}: another process serves a simulated cell there') from error
+        raise FileError(f'{folder}: another process simulates a cell there') from error
     finally:
         os.close(handle)
 
 
 @contextmanager
-def _faults(path: Path, board: BoardEmulator) -> Iterator[None]:
-    """Take faults from a named pipe, so that a test of other processes can cause them."""
+def _fault_pipe(path: Path, controller: ControllerEmulator) -> Iterator[None]:
+    """Cause the faults that other processes write into a named pipe, one per line."""
     os.mkfifo(path)
-    # opened for writing too, so that it does not end when a writer does
+    # opened for writing too: otherwise reading ends when a writer closes the pipe
     handle = os.open(path, os.O_RDWR)
 
-    def listen() -> None:
+    def read_faults() -> None:
         with os.fdopen(os.dup(handle), encoding='utf-8', errors='replace') as lines:
             for line in lines:
                 if line.strip() == 'end':
                     return
                 try:
-                    board.fault(line)
+                    controller.fault(line)
                 except ValueError as error:
                     sys.stderr.write(f'live_cell: {error}\n')
 
-    thread = threading.Thread(target=listen, name='faults', daemon=True)
+    thread = threading.Thread(target=read_faults, name='faults', daemon=True)
     thread.start()
     try:
         yield
@@ -118,20 +119,20 @@ def _faults(path: Path, board: BoardEmulator) -> Iterator[None]:
         os.close(handle)
 
 
-def _in_radians(motion: Motion) -> Motion:
+def _in_radians(motion: Trajectory) -> Trajectory:
     return tuple(
-        Piece(
-            time=piece.time,
-            position=piece.position * _DEGREE,
-            velocity=piece.velocity * _DEGREE,
-            acceleration=piece.acceleration * _DEGREE,
+        Segment(
+            time=segment.time,
+            position=segment.position * _RADIANS_PER_UNIT,
+            velocity=segment.velocity * _RADIANS_PER_UNIT,
+            acceleration=segment.acceleration * _RADIANS_PER_UNIT,
         )
-        for piece in motion
+        for segment in motion
     )
 
 
-def _powers(outputs: Outputs) -> tuple[float, float]:
-    """Return the power of each laser: the first is wired to spindle, the second to coolant."""
+def _powers(outputs: LaserOutputs) -> tuple[float, float]:
+    """Return the powers of both lasers: the first is on spindle, the second on coolant."""
     return outputs.spindle, outputs.coolant
 
 
@@ -144,25 +145,31 @@ def _part(name: str, unit: str) -> Solid | None:
 
 
 def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog='live_cell', description='A cell without hardware.')
-    parser.add_argument('--folder', type=Path, required=True, help='where processes meet')
+    parser = argparse.ArgumentParser(
+        prog='live_cell', description='Simulate the hardware of a cell.'
+    )
+    parser.add_argument(
+        '--folder', type=Path, required=True, help='of the simulated cell, created if missing'
+    )
     parser.add_argument('--part', default='demo', help='demo, none, or an STL file')
     parser.add_argument('--unit', choices=('m', 'mm', 'inch'), default='mm', help='of the STL')
-    parser.add_argument('--seed', type=int, default=0, help='of the noise')
-    parser.add_argument('--homing', action='store_true', help='the table has a home switch')
-    parser.add_argument('--clock-scale', type=float, default=1.0, help='board seconds in a second')
+    parser.add_argument('--seed', type=int, default=0, help='of the image noise')
+    parser.add_argument('--homing', action='store_true', help='simulate a home switch')
+    parser.add_argument(
+        '--clock-scale', type=float, default=1.0, help='controller seconds per second'
+    )
     return parser.parse_args(arguments)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Serve a cell until SIGINT or SIGTERM; says 'ready' when it is up."""
+    """Simulate a cell until SIGINT or SIGTERM; write 'ready' to stdout when it runs."""
     options = _arguments(arguments)
     ending = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ending.set())
     try:
         description = LiveDescription(
-            cell=with_thickness(bench_cell(), Optics()),
+            cell=with_sheet_thickness(bench_cell(), Optics()),
             solid=_part(options.part, options.unit),
             optics=Optics(),
             seed=options.seed,
@@ -173,7 +180,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ):
             sys.stdout.write('ready\n')
             sys.stdout.flush()
-            # a signal ends a wait only between two of them
+            # Python runs signal handlers between two waits only
             while not ending.wait(0.2):
                 pass
     except ScanError as error:

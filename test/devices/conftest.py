@@ -5,24 +5,26 @@ from pathlib import Path
 
 import pytest
 
-from ivfmc_ros.devices.grbl.controller import GrblBoard
+from ivfmc_ros.devices.grbl.controller import GrblController
 from ivfmc_ros.devices.grbl.settings import GrblSettings
-from ivfmc_ros.simulation.grbl.emulator import BoardEmulator
+from ivfmc_ros.simulation.grbl.emulator import ControllerEmulator
 
 
 @pytest.fixture
-def emulator(tmp_path: Path) -> Iterator[BoardEmulator]:
-    emulator = BoardEmulator(tmp_path / 'board', seed=1)
+def emulator(tmp_path: Path) -> Iterator[ControllerEmulator]:
+    emulator = ControllerEmulator(tmp_path / 'controller', seed=1)
     emulator.start()
     yield emulator
     emulator.stop()
 
 
 @pytest.fixture
-def board(emulator: BoardEmulator, tmp_path: Path) -> Iterator[GrblBoard]:
-    board = GrblBoard(
-        GrblSettings(port=str(tmp_path / 'board'), lasers={'left': 'spindle', 'right': 'coolant'})
+def controller(emulator: ControllerEmulator, tmp_path: Path) -> Iterator[GrblController]:
+    controller = GrblController(
+        GrblSettings(
+            port=str(tmp_path / 'controller'), lasers={'left': 'spindle', 'right': 'coolant'}
+        )
     )
-    board.open()
-    yield board
-    board.close()
+    controller.open()
+    yield controller
+    controller.close()

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 import pytest
 
-from ivfmc_ros.devices.beam import BeamKeeper
-from ivfmc_ros.devices.beam import BeamRules
+from ivfmc_ros.devices.beam import BeamInterlock
+from ivfmc_ros.devices.beam import BeamSettings
 from ivfmc_ros.errors import BusyError
 from ivfmc_ros.errors import ParameterError
 
@@ -21,133 +21,133 @@ def clock():
     return FakeClock()
 
 
-def keeper(clock, **rules):
-    return BeamKeeper(['left', 'right'], BeamRules(**rules), clock)
+def interlock(clock, **settings):
+    return BeamInterlock(['left', 'right'], BeamSettings(**settings), clock)
 
 
-def test_nothing_shines_at_first(clock):
-    beam = keeper(clock).decide()
+def test_all_lasers_are_off_at_first(clock):
+    beam = interlock(clock).decide()
     assert beam.laser is None
     assert beam.urgent
 
 
-def test_laser_shines_while_it_is_held(clock):
-    keep = keeper(clock)
+def test_laser_is_on_while_it_is_held(clock):
+    lock = interlock(clock)
     for _ in range(20):
-        keep.hold('left')
+        lock.hold('left')
         clock.now += 0.2
-        assert keep.decide().laser == 'left'
+        assert lock.decide().laser == 'left'
 
 
-def test_half_a_second_of_silence_ends_the_beam(clock):
-    keep = keeper(clock)
-    keep.hold('left')
+def test_laser_goes_off_half_a_second_after_the_last_hold(clock):
+    lock = interlock(clock)
+    lock.hold('left')
     clock.now += 0.49
-    assert keep.decide().laser == 'left'
+    assert lock.decide().laser == 'left'
     clock.now += 0.02
-    assert keep.decide().laser is None
-    assert keep.decide().urgent
+    assert lock.decide().laser is None
+    assert lock.decide().urgent
 
 
-def test_hold_of_none_is_dark_but_in_order(clock):
-    keep = keeper(clock)
-    keep.hold('left')
-    keep.hold('')
-    assert keep.decide().laser is None
-    assert not keep.decide().urgent
+def test_hold_of_no_laser_is_not_urgent(clock):
+    lock = interlock(clock)
+    lock.hold('left')
+    lock.hold('')
+    assert lock.decide().laser is None
+    assert not lock.decide().urgent
 
 
-def test_unknown_laser_is_refused_and_nothing_shines(clock):
-    keep = keeper(clock)
-    keep.hold('left')
-    with pytest.raises(ParameterError, match='there are left, right'):
-        keep.hold('middle')
-    assert keep.decide().laser is None
+def test_unknown_laser_is_refused_and_all_go_off(clock):
+    lock = interlock(clock)
+    lock.hold('left')
+    with pytest.raises(ParameterError, match='the lasers are: left, right'):
+        lock.hold('middle')
+    assert lock.decide().laser is None
 
 
-def test_permit_that_is_required_and_not_given_keeps_dark(clock):
-    keep = keeper(clock, permit_required=True)
-    keep.hold('left')
-    assert keep.decide().laser is None
-    keep.permit(True)
-    assert keep.decide().laser == 'left'
-    keep.permit(False)
-    assert keep.decide().laser is None
-    assert keep.decide().urgent
+def test_required_permit_that_is_missing_keeps_lasers_off(clock):
+    lock = interlock(clock, permit_required=True)
+    lock.hold('left')
+    assert lock.decide().laser is None
+    lock.permit(True)
+    assert lock.decide().laser == 'left'
+    lock.permit(False)
+    assert lock.decide().laser is None
+    assert lock.decide().urgent
 
 
-def test_permit_ends_after_its_time(clock):
-    keep = keeper(clock, permit_required=True, permit_timeout=1.0)
-    keep.permit(True)
+def test_permit_ends_after_its_timeout(clock):
+    lock = interlock(clock, permit_required=True, permit_timeout=1.0)
+    lock.permit(True)
     clock.now += 0.9
-    keep.hold('left')
-    assert keep.decide().laser == 'left'
+    lock.hold('left')
+    assert lock.decide().laser == 'left'
     clock.now += 0.2
-    assert keep.decide().laser is None
+    assert lock.decide().laser is None
 
 
-def test_by_hand_for_a_limited_time(clock):
-    keep = keeper(clock, limit=3.0)
-    keep.enable('right', True, moving=False)
+def test_manual_request_ends_after_its_limit(clock):
+    lock = interlock(clock, limit=3.0)
+    lock.enable('right', True, moving=False)
     clock.now += 2.9
-    assert keep.decide().laser == 'right'
+    assert lock.decide().laser == 'right'
     clock.now += 0.2
-    assert keep.decide().laser is None
+    assert lock.decide().laser is None
 
 
-def test_by_hand_off_again(clock):
-    keep = keeper(clock)
-    keep.enable('right', True, moving=False)
-    keep.enable('left', False, moving=False)
-    assert keep.decide().laser == 'right'
-    keep.enable('right', False, moving=False)
-    assert keep.decide().laser is None
+def test_manual_request_turns_a_laser_off(clock):
+    lock = interlock(clock)
+    lock.enable('right', True, moving=False)
+    lock.enable('left', False, moving=False)
+    assert lock.decide().laser == 'right'
+    lock.enable('right', False, moving=False)
+    assert lock.decide().laser is None
 
 
-def test_by_hand_is_refused_in_a_scan(clock):
-    keep = keeper(clock)
-    keep.hold('')
+def test_manual_request_is_refused_in_a_scan(clock):
+    lock = interlock(clock)
+    lock.hold('')
     with pytest.raises(BusyError, match='idle'):
-        keep.enable('left', True, moving=False)
+        lock.enable('left', True, moving=False)
 
 
-def test_by_hand_is_refused_while_the_table_moves(clock):
+def test_manual_request_is_refused_while_the_table_moves(clock):
     with pytest.raises(BusyError, match='idle'):
-        keeper(clock).enable('left', True, moving=True)
+        interlock(clock).enable('left', True, moving=True)
 
 
-def test_by_hand_is_refused_without_permit(clock):
+def test_manual_request_is_refused_without_permit(clock):
     with pytest.raises(BusyError, match='permit'):
-        keeper(clock, permit_required=True).enable('left', True, moving=False)
+        interlock(clock, permit_required=True).enable('left', True, moving=False)
 
 
-def test_by_hand_is_refused_for_a_laser_that_is_not_there(clock):
+def test_manual_request_for_an_unknown_laser_is_refused(clock):
     with pytest.raises(ParameterError):
-        keeper(clock).enable('middle', True, moving=False)
+        interlock(clock).enable('middle', True, moving=False)
 
 
-def test_scan_takes_over_from_the_hand(clock):
-    keep = keeper(clock)
-    keep.enable('right', True, moving=False)
-    keep.hold('left')
+def test_hold_replaces_a_manual_request(clock):
+    lock = interlock(clock)
+    lock.enable('right', True, moving=False)
+    lock.hold('left')
     clock.now += 1.0
-    assert keep.decide().laser is None
+    assert lock.decide().laser is None
 
 
-def test_what_was_stopped_stays_dark_until_it_is_let_go(clock):
-    keep = keeper(clock)
-    keep.hold('left')
-    keep.stopped()
-    keep.hold('left')
-    assert keep.decide().laser is None
-    keep.hold('')
-    keep.hold('left')
-    assert keep.decide().laser == 'left'
+def test_stopped_laser_stays_off_until_its_hold_ends(clock):
+    lock = interlock(clock)
+    lock.hold('left')
+    lock.block()
+    lock.hold('left')
+    assert lock.decide().laser is None
+    lock.hold('')
+    lock.hold('left')
+    assert lock.decide().laser == 'left'
 
 
 @pytest.mark.parametrize(
     'wrong', [{'hold_timeout': 0.0}, {'hold_timeout': float('nan')}, {'limit': -1.0}]
 )
-def test_rules_out_of_range_are_refused(wrong):
+def test_settings_out_of_range_are_refused(wrong):
     with pytest.raises(ParameterError):
-        BeamRules(**wrong)
+        BeamSettings(**wrong)

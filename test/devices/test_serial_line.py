@@ -6,7 +6,7 @@ import pytest
 import serial
 
 from ivfmc_ros.devices.serial_line import SerialLine
-from ivfmc_ros.errors import BoardLostError
+from ivfmc_ros.errors import ControllerLostError
 
 
 def test_port_that_is_not_permitted_says_what_to_do(monkeypatch):
@@ -17,5 +17,5 @@ def test_port_that_is_not_permitted_says_what_to_do(monkeypatch):
     line = SerialLine(
         on_line=lambda text, began: None, on_tick=lambda: None, on_lost=lambda reason: None
     )
-    with pytest.raises(BoardLostError, match=r'/dev/ttyACM0: cannot be opened.*dialout'):
+    with pytest.raises(ControllerLostError, match=r'/dev/ttyACM0: cannot be opened.*dialout'):
         line.open('/dev/ttyACM0', 115200)

@@ -4,9 +4,9 @@ import time
 
 import pytest
 
-from ivfmc_ros.devices.beam import BeamKeeper
-from ivfmc_ros.devices.beam import BeamRules
-from ivfmc_ros.devices.grbl.controller import GrblBoard
+from ivfmc_ros.devices.beam import BeamInterlock
+from ivfmc_ros.devices.beam import BeamSettings
+from ivfmc_ros.devices.grbl.controller import GrblController
 from ivfmc_ros.devices.grbl.settings import GrblSettings
 from ivfmc_ros.devices.turntable import TurntableDriver
 from ivfmc_ros.errors import ParameterError
@@ -24,82 +24,84 @@ def until(condition, seconds=5.0):
 def driver(emulator, tmp_path):
     lasers = {'left': 'spindle', 'right': 'coolant'}
     driver = TurntableDriver(
-        GrblBoard(GrblSettings(port=str(tmp_path / 'board'), lasers=lasers)),
-        BeamKeeper(list(lasers), BeamRules(hold_timeout=0.5)),
+        GrblController(GrblSettings(port=str(tmp_path / 'controller'), lasers=lasers)),
+        BeamInterlock(list(lasers), BeamSettings(hold_timeout=0.5)),
         velocity=6.0,
     )
     driver.start()
-    until(lambda: not driver.trouble)
+    until(lambda: not driver.fault)
     yield driver
     driver.close()
 
 
-def shine(driver, name):
-    def lit():
+def turn_on(driver, name):
+    def is_on():
         driver.hold(name)
         return driver.state().lasers[name]
 
-    until(lit)
+    until(is_on)
 
 
-def test_move_that_follows_the_end_of_a_beam_at_once_is_made(driver):
-    # the guard stops a table that turns while a beam shines that shall not
+def test_move_right_after_the_laser_goes_off_is_executed(driver):
+    # the watchdog stops a table that moves while a laser is on that must be off
     for number in range(1, 13):
-        shine(driver, 'left')
+        turn_on(driver, 'left')
         driver.hold('')
         driver.command(0.05 * number, 0.0)
         until(lambda n=number: abs(driver.state().position - 0.05 * n) < 1e-3, 3.0)
         assert not any(driver.state().lasers.values())
-        assert not driver.refused
+        assert not driver.rejection
 
 
-def test_beam_that_is_held_shines_through_a_move(driver):
-    shine(driver, 'left')
+def test_held_laser_stays_on_during_a_move(driver):
+    turn_on(driver, 'left')
     driver.command(0.2, 0.0)
 
-    def there():
+    def arrived():
         driver.hold('left')
         return abs(driver.state().position - 0.2) < 1e-3
 
-    until(there)
+    until(arrived)
     assert driver.state().lasers['left']
 
 
-def test_numbers_that_are_none_are_no_command(driver):
+def test_command_that_is_not_finite_is_refused(driver):
     with pytest.raises(ParameterError, match='must be finite'):
         driver.command(float('nan'), 0.0)
 
 
 def once(function):
-    """A function that raises what nobody thinks of, and then does what it did."""
+    """Return a function that raises an unexpected error once, and works from then on."""
     raised = []
 
     def raising(*arguments):
         if not raised:
             raised.append(True)
-            raise KeyError('unthought of')
+            raise KeyError('unexpected')
         return function(*arguments)
 
     return raising
 
 
-@pytest.mark.parametrize(('part', 'name'), [('_board', 'move_to'), ('_beam', 'decide')])
-def test_threads_go_on_after_what_nobody_thought_of(driver, monkeypatch, part, name):
+@pytest.mark.parametrize(('part', 'name'), [('_controller', 'move_to'), ('_interlock', 'decide')])
+def test_threads_continue_after_an_unexpected_error(driver, monkeypatch, part, name):
     owner = getattr(driver, part)
     monkeypatch.setattr(owner, name, once(getattr(owner, name)))
     driver.command(0.1, 0.0)
-    until(lambda: 'KeyError' in driver.trouble)
+    until(lambda: 'KeyError' in driver.fault)
     driver.command(0.2, 0.0)
     until(lambda: abs(driver.state().position - 0.2) < 1e-3)
-    shine(driver, 'left')
-    # the guard lives: nobody vouches for the beam any more
+    turn_on(driver, 'left')
+    # the watchdog runs: beam_hold has ended
     driver.command(20.0, 30.0)
     until(lambda: not any(driver.state().lasers.values()))
 
 
-def test_board_whose_reader_fails_is_lost(driver, monkeypatch):
-    monkeypatch.setattr(driver._board._monitor, 'hear', once(driver._board._monitor.hear))
-    until(lambda: driver.state().alarm == 'BOARD_LOST')
+def test_controller_is_lost_when_its_reader_fails(driver, monkeypatch):
+    monkeypatch.setattr(
+        driver._controller._monitor, 'handle_line', once(driver._controller._monitor.handle_line)
+    )
+    until(lambda: driver.state().alarm == 'CONTROLLER_LOST')
     driver.clear_alarm()
     driver.command(0.1, 0.0)
     until(lambda: abs(driver.state().position - 0.1) < 1e-3)

@@ -27,7 +27,7 @@ def test_ctrl_c_ends_all_in_order(client, start):
     assert cell.end(signal.SIGINT) == 0
     assert gone(cell)
     assert 'Traceback' not in cell.log()
-    assert not (cell.folder / 'simulation' / 'board').exists()
+    assert not (cell.folder / 'simulation' / 'controller').exists()
 
 
 def test_no_orphan_when_up_is_killed(client, start):

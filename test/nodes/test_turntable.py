@@ -60,7 +60,7 @@ class Table:
     def shining(self):
         """True power of each laser now."""
         now = time.monotonic()
-        return self.truth.lasers(now - 1e-3, now).tolist()
+        return self.truth.mean_laser_powers(now - 1e-3, now).tolist()
 
     def hold(self, laser, seconds, age=0.0):
         deadline = time.monotonic() + seconds
@@ -136,7 +136,7 @@ def test_move_takes_the_requested_time_and_ends_at_its_target(table):
     # 50 a second at least; the clock is the stamps'
     stamps = [joint.header.stamp.sec + joint.header.stamp.nanosec * 1e-9 for joint in moving]
     assert len(stamps) / (stamps[-1] - stamps[0]) > 45
-    assert table.truth.table(time.monotonic())[0] == pytest.approx(1.0, abs=1e-3)
+    assert table.truth.table_state(time.monotonic())[0] == pytest.approx(1.0, abs=1e-3)
 
 
 def test_commanding_the_present_position_stops_the_table(table):
@@ -257,7 +257,7 @@ def test_lasers_are_off_after_a_signal_during_a_move(client, live, others, numbe
     assert table.shining() == [1.0, 0.0]
     assert node.end(number) == 0, node.output
     assert table.shining() == [0.0, 0.0]
-    assert table.truth.table(time.monotonic())[1] == 0.0
+    assert table.truth.table_state(time.monotonic())[1] == 0.0
 
 
 def test_missing_controller_is_reported(client, tmp_path):
@@ -276,14 +276,14 @@ def bridge(live):
 
     def serve():
         connection, _ = listener.accept()
-        with connection, (live / 'controller').open('r+b', buffering=0) as board:
-            os.set_blocking(board.fileno(), False)
+        with connection, (live / 'controller').open('r+b', buffering=0) as port:
+            os.set_blocking(port.fileno(), False)
             while not ending.is_set():
-                for source in select.select([connection, board], [], [], 0.05)[0]:
-                    if source is board:
-                        connection.sendall(board.read() or b'')
+                for source in select.select([connection, port], [], [], 0.05)[0]:
+                    if source is port:
+                        connection.sendall(port.read() or b'')
                     else:
-                        board.write(connection.recv(4096))
+                        port.write(connection.recv(4096))
 
     thread = threading.Thread(target=serve)
     thread.start()

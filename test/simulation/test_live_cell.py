@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from ivfmc_ros.devices.cameras.device import Exposure
-from ivfmc_ros.devices.grbl.controller import GrblBoard
+from ivfmc_ros.devices.grbl.controller import GrblController
 from ivfmc_ros.devices.grbl.settings import GrblSettings
-from ivfmc_ros.devices.motion import ramp
+from ivfmc_ros.devices.motion import trajectory
 from ivfmc_ros.errors import CameraLostError
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.simulation.bench import bench_cell
@@ -40,48 +40,48 @@ def test_truth_is_read_as_it_was_written(tmp_path):
     writer = TruthWriter(tmp_path / 'truth')
     reader = TruthReader(tmp_path / 'truth')
     now = time.monotonic()
-    motion = ramp.ramp(0.0, 2.0, 1.0, 4.0, now + 1.0)
-    writer.motion(now, motion)
+    motion = trajectory.trapezoid(0.0, 2.0, 1.0, 4.0, now + 1.0)
+    writer.write_motion(now, motion)
     for time_s in np.linspace(now, now + 5.0, 50):
-        assert reader.table(time_s) == pytest.approx(ramp.at(motion, time_s))
-    held = ramp.halt(motion, 4.0, now + 1.5)
-    writer.motion(now + 1.5, held)
-    assert reader.table(now + 1.4) == pytest.approx(ramp.at(motion, now + 1.4))
-    assert reader.table(now + 4.0) == pytest.approx((held[-1].position, 0.0))
+        assert reader.table_state(time_s) == pytest.approx(trajectory.state_at(motion, time_s))
+    held = trajectory.brake(motion, 4.0, now + 1.5)
+    writer.write_motion(now + 1.5, held)
+    assert reader.table_state(now + 1.4) == pytest.approx(trajectory.state_at(motion, now + 1.4))
+    assert reader.table_state(now + 4.0) == pytest.approx((held[-1].position, 0.0))
 
 
-def test_truth_knows_for_how_much_of_an_exposure_a_laser_was_on(tmp_path):
+def test_laser_power_is_the_mean_over_the_exposure(tmp_path):
     writer = TruthWriter(tmp_path / 'truth')
     reader = TruthReader(tmp_path / 'truth')
-    writer.lasers(10.0, (0.5, 0.0))
-    writer.lasers(11.0, (0.0, 1.0))
-    assert reader.lasers(9.0, 9.5).tolist() == [0.0, 0.0]
-    assert reader.lasers(10.2, 10.8) == pytest.approx([0.5, 0.0])
-    assert reader.lasers(10.5, 11.5) == pytest.approx([0.25, 0.5])
-    assert reader.lasers(20.0, 21.0) == pytest.approx([0.0, 1.0])
+    writer.write_lasers(10.0, (0.5, 0.0))
+    writer.write_lasers(11.0, (0.0, 1.0))
+    assert reader.mean_laser_powers(9.0, 9.5).tolist() == [0.0, 0.0]
+    assert reader.mean_laser_powers(10.2, 10.8) == pytest.approx([0.5, 0.0])
+    assert reader.mean_laser_powers(10.5, 11.5) == pytest.approx([0.25, 0.5])
+    assert reader.mean_laser_powers(20.0, 21.0) == pytest.approx([0.0, 1.0])
 
 
-def test_truth_forgets_only_what_is_old(tmp_path):
+def test_full_truth_file_overwrites_the_oldest_records(tmp_path):
     writer = TruthWriter(tmp_path / 'truth')
     reader = TruthReader(tmp_path / 'truth')
     for number in range(5000):
-        writer.lasers(10.0 + number, (float(number), 0.0))
-    assert reader.lasers(5009.1, 5009.2)[0] == pytest.approx(4999.0)
+        writer.write_lasers(10.0 + number, (float(number), 0.0))
+    assert reader.mean_laser_powers(5009.1, 5009.2)[0] == pytest.approx(4999.0)
 
 
 @pytest.mark.parametrize('content', [b'', b'\0' * 262208])
-def test_file_that_is_no_truth_is_refused(tmp_path, content):
+def test_file_of_another_format_is_refused(tmp_path, content):
     (tmp_path / 'truth').write_bytes(content)
     with pytest.raises(FileError):
         TruthReader(tmp_path / 'truth')
 
 
-def test_live_picture_is_the_rendered_one(tmp_path, description):
+def test_live_image_equals_the_rendered_one(tmp_path, description):
     folder = LiveFolder(tmp_path)
     folder.write(description)
     scene = LiveScene(folder)
     light = StripeRenderer(cell=description.cell, solid=description.solid).light(0.3, 1)
-    image = scene.picture(0.3, np.array([0.0, 1.0])).astype(np.float64)
+    image = scene.render(0.3, np.array([0.0, 1.0])).astype(np.float64)
     lit, dark = light > 20, light == 0
     expected = np.clip(light[lit] + 6.0, 0, 255)
     assert image[lit].mean() == pytest.approx(expected.mean(), rel=0.02)
@@ -92,33 +92,33 @@ def test_live_picture_is_the_rendered_one(tmp_path, description):
     assert image[dark].std() == pytest.approx(math.hypot(2.03, 0.29), abs=0.05)
 
 
-def test_dark_picture_is_fast_and_has_fresh_noise(tmp_path, description):
+def test_dark_image_is_fast_and_has_new_noise(tmp_path, description):
     folder = LiveFolder(tmp_path)
     folder.write(description)
     scene = LiveScene(folder)
-    first = scene.picture(0.0, np.zeros(2))
+    first = scene.render(0.0, np.zeros(2))
     start = time.process_time()
-    second = scene.picture(0.0, np.zeros(2))
+    second = scene.render(0.0, np.zeros(2))
     assert time.process_time() - start < 0.015
     assert (first != second).mean() > 0.5
 
 
-def test_camera_sees_the_laser_that_the_board_turned_on(tmp_path, description):
+def test_camera_sees_the_laser_that_the_controller_turned_on(tmp_path, description):
     with live_cell(LiveFolder(tmp_path / 'cell'), description):
-        board = GrblBoard(
+        controller = GrblController(
             GrblSettings(
-                port=str(tmp_path / 'cell' / 'board'), lasers={'a': 'spindle', 'b': 'coolant'}
+                port=str(tmp_path / 'cell' / 'controller'), lasers={'a': 'spindle', 'b': 'coolant'}
             )
         )
-        board.open()
+        controller.open()
         camera = SimulatedCamera(tmp_path / 'cell', Exposure(frame_rate=100.0, seconds=0.002))
         camera.open()
         camera.set_exposure(Exposure(frame_rate=100.0, seconds=0.005))
         peaks = []
         for laser in (None, 'a', 'b', None):
-            board.set_laser(laser)
+            controller.set_laser(laser)
             peaks.append(int(camera.grab(1.0).image.max()))
-        board.close()
+        controller.close()
         assert max(peaks[0], peaks[3]) < 30
         assert min(peaks[1:3]) > 100
         camera.close()
@@ -141,7 +141,7 @@ def test_second_cell_in_a_folder_is_refused(tmp_path, description):
         pass
 
 
-def test_process_says_ready_takes_faults_and_leaves_nothing(tmp_path):
+def test_process_reports_ready_accepts_faults_and_removes_its_files(tmp_path):
     words = [sys.executable, '-m', 'ivfmc_ros.simulation.live_cell', '--folder', str(tmp_path)]
     process = subprocess.Popen(
         [*words, '--part', 'none'],
@@ -158,7 +158,7 @@ def test_process_says_ready_takes_faults_and_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_process_refuses_a_part_that_is_not_there(tmp_path):
+def test_process_refuses_a_missing_part_file(tmp_path):
     words = [sys.executable, '-m', 'ivfmc_ros.simulation.live_cell', '--folder', str(tmp_path)]
     done = subprocess.run(
         [*words, '--part', str(tmp_path / 'none.stl')],

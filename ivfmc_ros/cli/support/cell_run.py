@@ -1,11 +1,13 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A cell as processes: which nodes there are, and what each is started with."""
+"""The processes of a cell: its nodes, and the command line of each."""
 
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field
+import difflib
+import json
 from pathlib import Path
 import re
 import sys
@@ -23,7 +25,7 @@ from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.nodes.framework import environment
 from ivfmc_ros.simulation.bench import bench_cell
 from ivfmc_ros.simulation.render.optics import Optics
-from ivfmc_ros.simulation.render.optics import with_thickness
+from ivfmc_ros.simulation.render.optics import with_sheet_thickness
 
 NODES = (
     'turntable',
@@ -34,7 +36,7 @@ NODES = (
     'recorder',
     'orchestrator',
 )
-# A bag stands in for these.
+# `ivfmc up --replay` starts without these: a bag replaces them.
 OF_HARDWARE = ('turntable', 'camera', 'orchestrator')
 NAMESPACE = '/ivfmc'
 SIMULATION = 'live_cell'
@@ -72,7 +74,7 @@ class CellRun:
 
     @property
     def simulation(self) -> Path:
-        """Where the simulated cell keeps its board and its truth."""
+        """Folder of the simulated cell: port of its controller, ground truth."""
         return self.folder / 'simulation'
 
 
@@ -93,7 +95,7 @@ def namespace_of(text: str) -> str:
     name = '/' + text.strip('/')
     if not _NAMESPACE.fullmatch(name):
         raise ParameterError(
-            f'--namespace {text!r}: must be of letters, digits and _, its parts parted by /'
+            f'--namespace {text!r}: must consist of letters, digits and _, separated by /'
         )
     return name
 
@@ -105,7 +107,7 @@ def write_bench(folder: Path) -> tuple[Path, Path]:
     :raises FileError: it cannot be written
     """
     make_folder(folder)
-    cell = with_thickness(bench_cell(), Optics())
+    cell = with_sheet_thickness(bench_cell(), Optics())
     save_cell(folder / 'cell.yaml', cell)
     save_camera(folder / 'camera.yaml', cell.camera)
     return folder / 'cell.yaml', folder / 'camera.yaml'
@@ -161,7 +163,7 @@ def _own(run: CellRun, node: str) -> dict[str, Any]:
     if run.simulate:
         place = str(run.simulation.absolute())
         found.setdefault('camera', {}).update({'backend': 'simulated', 'simulation': place})
-        found.setdefault('turntable', {})['port'] = f'{place}/board'
+        found.setdefault('turntable', {})['port'] = f'{place}/controller'
     return found.get(node, {})
 
 
@@ -181,7 +183,7 @@ def parse_overrides(items: Sequence[str]) -> dict[str, dict[str, Any]]:
     """
     Read parameters that are given as node.name=value.
 
-    :raises ParameterError: one is not of this form
+    :raises ParameterError: one is not of this form, or the node does not declare it
     """
     found: dict[str, dict[str, Any]] = {}
     for item in items:
@@ -191,8 +193,20 @@ def parse_overrides(items: Sequence[str]) -> dict[str, dict[str, Any]]:
             raise ParameterError(
                 f'--set {item!r}: must be node.parameter=value; nodes are {", ".join(NODES)}'
             )
+        _require_declared(item, node, name)
         try:
             found.setdefault(node, {})[name] = yaml.safe_load(text)
         except yaml.YAMLError as error:
             raise ParameterError(f'--set {item!r}: {error}') from error
     return found
+
+
+def _require_declared(item: str, node: str, name: str) -> None:
+    """Refuse a parameter that the node would not know, before the cell is started."""
+    declared = json.loads(environment.config_file('parameters.json').read_text(encoding='utf-8'))
+    known = [*declared[node], 'use_sim_time']
+    if name in known or name.startswith('qos_overrides.'):
+        return
+    similar = difflib.get_close_matches(name, known, n=1)
+    hint = f'; did you mean {node}.{similar[0]}?' if similar else ''
+    raise ParameterError(f'--set {item!r}: {node} has no parameter {name}{hint}')

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a camera is to the rest of the scanner."""
+"""Protocol of a camera: images with the time of exposure, and exposure settings."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -11,9 +11,9 @@ from ivfmc_ros.validation import require_in_range
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Picture:
+class CameraImage:
     """
-    A picture as the camera gave it.
+    An image as the camera delivers it.
 
     image : (height, width) mono or (height, width, 3) BGR, uint8 or uint16
     stamp_ns : start of exposure, nanoseconds since the epoch
@@ -26,11 +26,13 @@ class Picture:
 @dataclass(frozen=True, kw_only=True)
 class Exposure:
     """
-    How pictures are taken.
+    Exposure settings of a camera.
 
-    frame_rate : pictures a second that are asked for
-    seconds : exposure of each
-    gain : 1 is the camera's own sensitivity
+    frame_rate : images per second that the camera is asked for
+    seconds : exposure time of each image
+    gain : amplification, 1 is the camera's own sensitivity
+
+    :raises ParameterError: a value is out of range, or the exposure is longer than the period
     """
 
     frame_rate: float = 15.0
@@ -42,26 +44,31 @@ class Exposure:
         require_in_range('exposure', self.seconds, 1e-6, 1.0, 's')
         if self.seconds * self.frame_rate > 1.0:
             raise ParameterError(
-                f'exposure: {self.seconds} s is too long for {self.frame_rate} pictures a second'
+                f'exposure: {self.seconds} s is longer than the period of frame_rate: '
+                f'{self.frame_rate} Hz'
             )
         require_in_range('gain', self.gain, 0.0, 100.0, open_low=True)
 
 
 class CameraDevice(Protocol):
-    """A camera that runs freely. One thread opens it, grabs and closes it."""
+    """A free-running camera. One thread opens it, grabs and closes it."""
 
     def open(self) -> None:
-        """:raises CameraLostError: there is no such camera."""
-
-    def grab(self, seconds: float) -> Picture | None:
         """
-        Return the next picture, None if there was none in so many seconds.
+        Connect to the camera and begin to acquire.
 
-        :raises CameraLostError: the camera gives no pictures any more
+        :raises CameraLostError: the camera cannot be opened
+        """
+
+    def grab(self, timeout: float) -> CameraImage | None:
+        """
+        Return the next image, None if there is none within ``timeout`` seconds.
+
+        :raises CameraLostError: the camera delivers no images any more
         """
 
     def set_exposure(self, exposure: Exposure) -> None:
-        """Take the following pictures so; from any thread."""
+        """Apply the settings to the following images; may be called from any thread."""
 
     def close(self) -> None:
-        """Let the camera go; raises nothing."""
+        """Release the camera; raises nothing."""

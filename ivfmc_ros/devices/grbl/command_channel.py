@@ -1,149 +1,169 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One line in flight: each that is sent waits for its answer before the next is sent."""
+"""
+Command channel to a GRBL controller with one line in flight.
+
+Each line is sent after the response to the one before has arrived ("send-response" streaming of
+GRBL's interface description). A line that stays without response is sent again.
+"""
 
 from collections.abc import Callable
 import threading
 import time
 
 from ivfmc_ros.devices.grbl import protocol
-from ivfmc_ros.errors import BoardLostError
-from ivfmc_ros.errors import BoardRefusedError
+from ivfmc_ros.errors import ControllerLostError
+from ivfmc_ros.errors import ControllerRefusedError
 from ivfmc_ros.errors import DeviceError
 
-# A line may have been damaged on its way, if it is one of these that the board complains about.
-_DAMAGED = (1, 2, 3)
-_PATIENCE = 1.0  # seconds for the answer of a board that has nothing else to do
-_QUIET = 0.2  # seconds, in which an answer that came too late is thrown away
-_TRIES = 2
+# Error numbers that a transmission error can cause: no letter, no number, unknown command.
+_TRANSMISSION_ERRORS = (1, 2, 3)
+_FIRST_GCODE_ERROR = 20  # from here on the G-code itself is wrong, damaged on its way as a rule
+_RESPONSE_TIMEOUT = 1.0  # seconds; GRBL answers within 10 ms unless it waits for a motion
+_QUIET_TIME = 0.2  # seconds before a line is sent again, in which a late response is discarded
+_ATTEMPTS = 2
+_POLL_PERIOD = 0.05  # seconds between checks of ``busy`` during a wait
 
 
-class Pending:
-    """A line that was sent."""
+class PendingLine:
+    """A line that was sent and has no response yet."""
 
-    def __init__(self, text: str, then: Callable[[], None] | None) -> None:
-        self.text, self.then = text, then
+    def __init__(self, text: str, on_ok: Callable[[], None] | None) -> None:
+        self.text, self.on_ok = text, on_ok
         self.done = threading.Event()
-        self.error: DeviceError | None = None
-        self.refused: int | None = None
-        self.sent = time.monotonic()
+        self.failure: DeviceError | None = None
+        self.error_number: int | None = None
 
 
-class Conversation:
+class CommandChannel:
     """
-    Sends lines and matches them with answers.
+    Sends lines and matches them with responses. Thread safe.
 
-    All lines must be such that sending one again does no harm, because an answer may get lost.
+    All lines must be idempotent, because a line whose response is lost is sent again.
 
     write : sends bytes
-    busy : tells whether the board has a reason not to answer yet, such as a motion that a
-        laser line waits for
+    is_busy : returns whether the controller has a reason not to respond yet, such as a motion
+        that must end before an output is switched
     """
 
-    def __init__(self, write: Callable[[bytes], None], busy: Callable[[], bool]) -> None:
-        self._write, self._busy = write, busy
-        self._pending: Pending | None = None
-        self._free = threading.Condition()
+    def __init__(self, write: Callable[[bytes], None], is_busy: Callable[[], bool]) -> None:
+        self._write, self._is_busy = write, is_busy
+        self._pending: PendingLine | None = None
+        self._pending_changed = threading.Condition()
         self._epoch = 0
-        self._reason: DeviceError | None = None
+        self._abort_reason: DeviceError | None = None
 
     @property
     def epoch(self) -> int:
-        """How often lines were given up; see ``send``."""
+        """Count of aborts; see ``send``."""
         return self._epoch
 
     def send(self, text: str, epoch: int | None = None) -> None:
         """
-        Send a line and wait for its answer, sending it again when it seems to have got lost.
+        Send a line and wait for its response; send it again if there is none.
 
-        epoch : of the time when the command began that the line belongs to; if lines were given
-            up since, this one is too, so that nothing begins again after a stop
-        :raises BoardRefusedError: the board says that it is wrong
-        :raises DeviceError: it was given up, see ``fail``, or there is no answer
+        epoch : value of ``epoch`` at the begin of the command that the line belongs to; the line
+            is not sent if there was an abort since, so that nothing starts again after a stop
+        :raises ControllerRefusedError: the controller responds with an error
+        :raises ControllerLostError: there is no response
+        :raises DeviceError: the reason of an abort
         """
-        for attempt in range(_TRIES):
-            last = attempt == _TRIES - 1
+        for attempt in range(_ATTEMPTS):
+            is_last = attempt == _ATTEMPTS - 1
             pending = self._begin(text, None, epoch)
             if not self._wait(pending):
-                if last:
+                if is_last:
                     break
-                time.sleep(_QUIET)
+                time.sleep(_QUIET_TIME)
                 continue
-            if pending.error is not None:
-                raise pending.error
-            if pending.refused is None:
+            if pending.failure is not None:
+                raise pending.failure
+            if pending.error_number is None:
                 return
-            if last or not self._was_damaged(pending.refused):
-                raise _refused(text, pending.refused)
-        raise BoardLostError(f'{text}: the board does not answer, though it was sent twice')
+            if is_last or not _may_be_transmission_error(pending.error_number):
+                raise _refusal(text, pending.error_number)
+        raise ControllerLostError(
+            f'{text}: no response from the controller, though the line was sent twice'
+        )
 
-    def begin(self, text: str, then: Callable[[], None], epoch: int) -> None:
-        """Send a line; ``then`` is called in the reading thread when it is answered by ok."""
-        self._begin(text, then, epoch)
+    def send_without_waiting(self, text: str, on_ok: Callable[[], None], epoch: int) -> None:
+        """
+        Send a line; ``on_ok`` is called in the reading thread when the response is ok.
 
-    def answer(self, error: int | None) -> None:
-        """The board said ok or error; without a line in flight nothing happens."""
-        with self._free:
+        epoch : as in ``send``
+        :raises DeviceError: the port failed, or there was an abort
+        """
+        self._begin(text, on_ok, epoch)
+
+    def handle_response(self, error_number: int | None) -> None:
+        """Complete the line in flight; None is ok. A response without a line is ignored."""
+        with self._pending_changed:
             pending, self._pending = self._pending, None
-            self._free.notify_all()
+            self._pending_changed.notify_all()
         if pending is None:
             return
-        pending.refused = error
+        pending.error_number = error_number
         pending.done.set()
-        if error is None and pending.then is not None:
-            pending.then()
+        if error_number is None and pending.on_ok is not None:
+            pending.on_ok()
 
-    def fail(self, error: DeviceError) -> None:
-        """Give the line in flight up, and what waits behind it."""
-        with self._free:
+    def abort(self, reason: DeviceError) -> None:
+        """Abort the line in flight and all that wait to be sent; their senders get ``reason``."""
+        with self._pending_changed:
             self._epoch += 1
-            self._reason = error
+            self._abort_reason = reason
             pending, self._pending = self._pending, None
-            self._free.notify_all()
+            self._pending_changed.notify_all()
         if pending is not None:
-            pending.error = error
+            pending.failure = reason
             pending.done.set()
 
-    def _begin(self, text: str, then: Callable[[], None] | None, epoch: int | None) -> Pending:
-        with self._free:
-            deadline = time.monotonic() + _PATIENCE
+    def _begin(
+        self, text: str, on_ok: Callable[[], None] | None, epoch: int | None
+    ) -> PendingLine:
+        """Wait until no line is in flight, then send."""
+        with self._pending_changed:
+            deadline = time.monotonic() + _RESPONSE_TIMEOUT
             while self._pending is not None:
-                self._free.wait(0.05)
-                if self._busy():
-                    deadline = time.monotonic() + _PATIENCE
+                self._pending_changed.wait(_POLL_PERIOD)
+                if self._is_busy():
+                    deadline = time.monotonic() + _RESPONSE_TIMEOUT
                 elif time.monotonic() > deadline:
-                    # its sender has given up, or nobody waits for it
+                    # its response is lost: discard it
                     self._pending = None
-            if epoch is not None and epoch != self._epoch and self._reason is not None:
-                raise self._reason
-            pending = self._pending = Pending(text, then)
+            if epoch is not None and epoch != self._epoch and self._abort_reason is not None:
+                raise self._abort_reason
+            pending = self._pending = PendingLine(text, on_ok)
         try:
             self._write(text.encode('ascii') + b'\n')
         except DeviceError:
-            with self._free:
+            with self._pending_changed:
                 self._pending = None
-                self._free.notify_all()
+                self._pending_changed.notify_all()
             raise
         return pending
 
-    def _wait(self, pending: Pending) -> bool:
-        deadline = time.monotonic() + _PATIENCE
-        while not pending.done.wait(0.05):
-            if self._busy():
-                deadline = time.monotonic() + _PATIENCE
+    def _wait(self, pending: PendingLine) -> bool:
+        """Return whether the line was completed before the timeout."""
+        deadline = time.monotonic() + _RESPONSE_TIMEOUT
+        while not pending.done.wait(_POLL_PERIOD):
+            if self._is_busy():
+                deadline = time.monotonic() + _RESPONSE_TIMEOUT
             elif time.monotonic() > deadline:
-                with self._free:
+                with self._pending_changed:
                     if self._pending is pending:
                         self._pending = None
-                        self._free.notify_all()
+                        self._pending_changed.notify_all()
                 return pending.done.is_set()
         return True
 
-    @staticmethod
-    def _was_damaged(error: int) -> bool:
-        return error in _DAMAGED or error >= 20
+
+def _may_be_transmission_error(number: int) -> bool:
+    return number in _TRANSMISSION_ERRORS or number >= _FIRST_GCODE_ERROR
 
 
-def _refused(text: str, number: int) -> BoardRefusedError:
+def _refusal(text: str, number: int) -> ControllerRefusedError:
     reason = protocol.ERRORS.get(number, 'see the list of error codes of GRBL 1.1')
-    return BoardRefusedError(f'{text}: refused with error {number}: {reason}')
+    return ControllerRefusedError(
+        f'{text}: the controller responded with error {number}: {reason}'
+    )

@@ -1,13 +1,18 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What GRBL 1.1 says, line by line."""
+"""
+Parser of the lines that a GRBL 1.1 controller sends.
+
+Source: the interface description of GRBL 1.1 (github.com/gnea/grbl, doc/markdown/interface.md).
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
 import re
 
-# Soft reset, which also kills spindle and coolant at once; feed hold; resume; status.
+# Realtime bytes: soft reset (also turns spindle and coolant off at once), feed hold, resume,
+# status query.
 RESET = b'\x18'
 HOLD = b'!'
 RESUME = b'~'
@@ -15,13 +20,14 @@ STATUS = b'?'
 
 STATES = ('Idle', 'Run', 'Hold', 'Jog', 'Alarm', 'Door', 'Check', 'Home', 'Sleep')
 
+# Codes that a user may meet, and what they mean (doc/csv of GRBL 1.1).
 ERRORS = {
-    1: 'a word without its letter',
+    1: 'a value without its letter',
     2: 'a number that cannot be read',
     3: 'an unknown command',
-    5: 'homing is not enabled ($22=1)',
-    8: 'only possible when idle',
-    9: 'the board is locked; home it or clear the alarm',
+    5: 'homing is not enabled ($22=1 enables it)',
+    8: 'possible only when the controller is idle',
+    9: 'the controller is locked; call home or clear_alarm',
     11: 'the line is too long',
     15: 'the target is outside of the travel',
     22: 'the feed rate is missing',
@@ -32,42 +38,47 @@ ALARMS = {
     2: 'the target is outside of the travel (soft limit)',
     3: 'reset while moving, the position is lost',
     6: 'homing was interrupted by a reset',
-    7: 'homing was interrupted by the door',
-    8: 'homing did not leave the switch',
+    7: 'homing was interrupted by the safety door',
+    8: 'homing did not release the switch',
     9: 'homing did not find the switch',
 }
 
 
 @dataclass(frozen=True, kw_only=True)
-class Answer:
-    """``ok``, or ``error:<number>``, to a line that was sent."""
+class Response:
+    """
+    ``ok`` or ``error:<number>`` as response to a line that was sent.
+
+    error : the number, None for ``ok``
+    """
 
     error: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Alarm:
-    """``ALARM:<number>``."""
+    """``ALARM:<number>``; the controller is locked from now on."""
 
     number: int
 
 
 @dataclass(frozen=True, kw_only=True)
 class Banner:
-    """The board has started."""
+    """``Grbl 1.1h [...]``, sent at each start and after each reset."""
 
     version: str
 
 
 @dataclass(frozen=True, kw_only=True)
-class Report:
+class StatusReport:
     """
-    A status report.
+    A status report, ``<Idle|MPos:...>``. Fields that this report does not have are None.
 
-    state : one of STATES; substate : 0 of ``Hold:0``, None when there is none
-    machine : positions of the axes in machine coordinates, board units; None when not said
+    state : one of STATES
+    substate : number after the state, as 0 of ``Hold:0``
+    machine : positions of the axes in machine coordinates, controller units
     work, offset : the same in work coordinates, and machine - work
-    outputs : letters of what is on (S or C spindle, F coolant), None when not said
+    outputs : letters of the outputs that are on (S or C for spindle, F for coolant)
     """
 
     state: str
@@ -80,25 +91,25 @@ class Report:
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """One line of the answer to ``$$``."""
+    """``$<number>=<value>``, one line of the response to ``$$``."""
 
     number: int
     value: float
 
 
 @dataclass(frozen=True, kw_only=True)
-class Message:
-    """Something in brackets, for a reader."""
+class Feedback:
+    """``[...]``, a message for a human reader."""
 
     text: str
 
 
-Line = Answer | Alarm | Banner | Report | Setting | Message
+Line = Response | Alarm | Banner | StatusReport | Setting | Feedback
 
 _POSITIONS = {'MPos': 'machine', 'WPos': 'work', 'WCO': 'offset'}
 _LINES: tuple[tuple[re.Pattern[str], Callable[[re.Match[str]], Line]], ...] = (
-    (re.compile(r'ok'), lambda match: Answer()),
-    (re.compile(r'error:(\d{1,3})'), lambda match: Answer(error=int(match[1]))),
+    (re.compile(r'ok'), lambda match: Response()),
+    (re.compile(r'error:(\d{1,3})'), lambda match: Response(error=int(match[1]))),
     (re.compile(r'ALARM:(\d{1,3})'), lambda match: Alarm(number=int(match[1]))),
     (
         re.compile(r"Grbl (\d+\.\d+\w*) \['\$' for help\]"),
@@ -108,21 +119,21 @@ _LINES: tuple[tuple[re.Pattern[str], Callable[[re.Match[str]], Line]], ...] = (
         re.compile(r'\$(\d{1,3})=(-?\d+(?:\.\d+)?)(?: .*)?'),
         lambda match: Setting(number=int(match[1]), value=float(match[2])),
     ),
-    (re.compile(r'\[(.*)\]'), lambda match: Message(text=match[1])),
+    (re.compile(r'\[(.*)\]'), lambda match: Feedback(text=match[1])),
 )
 
 
 def parse(text: str) -> Line | None:
-    """Return what a line says, None if it is nothing that GRBL says: it was garbled."""
+    """Return the parsed line, None if it is no line of GRBL (damaged by a transmission error)."""
     if text.startswith('<'):
-        return _report(text)
+        return _parse_report(text)
     for pattern, build in _LINES:
         if match := pattern.fullmatch(text):
             return build(match)
     return None
 
 
-def _report(text: str) -> Report | None:
+def _parse_report(text: str) -> StatusReport | None:
     if not text.endswith('>'):
         return None
     state, *fields = text[1:-1].split('|')
@@ -134,18 +145,18 @@ def _report(text: str) -> Report | None:
     for field in fields:
         key, _, value = field.partition(':')
         if key in _POSITIONS:
-            numbers = _numbers(value)
+            numbers = _parse_numbers(value)
             if numbers is None:
                 return None
             positions[_POSITIONS[key]] = numbers
         elif key == 'Ov':
-            # outputs that are off are not said, but only where overrides are
+            # GRBL reports outputs with the overrides; without a field A all are off
             outputs = outputs or ''
         elif key == 'A':
             outputs = value
     if 'machine' not in positions and 'work' not in positions:
         return None
-    return Report(
+    return StatusReport(
         state=name,
         substate=int(substate) if substate else None,
         outputs=outputs,
@@ -153,7 +164,7 @@ def _report(text: str) -> Report | None:
     )
 
 
-def _numbers(text: str) -> tuple[float, ...] | None:
+def _parse_numbers(text: str) -> tuple[float, ...] | None:
     try:
         numbers = tuple(float(part) for part in text.split(','))
     except ValueError:

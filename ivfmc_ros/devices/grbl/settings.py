@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How a GRBL board is connected and wired."""
+"""Settings of a GRBL controller: port, axis, and wiring of the lasers."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,21 +11,24 @@ from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.validation import require_in_range
 from ivfmc_ros.validation import require_one_of
 
-# What a laser can be wired to: (on, off).
+# Outputs that a laser can be wired to: G-code that turns it (on, off).
 OUTPUTS = {'spindle': ('M3 S{:.0f}', 'M5'), 'coolant': ('M8', 'M9')}
 
 
 @dataclass(frozen=True, kw_only=True)
 class GrblSettings:
     """
-    How the board is connected and wired.
+    Connection and wiring of a GRBL controller.
 
-    port : a device file, or a URL of pyserial such as socket://host:port
+    port : device file, or pyserial URL such as socket://host:port
+    baud : bits per second
     axis : letter of the axis that turns the table; stock GRBL has X, Y and Z
-    units_per_turn : board units of a turn, negative if the table turns clockwise for positive
-    lasers : name of each laser and its output, spindle (M3, M5) or coolant (M8, M9)
-    power : 0 to 1 of a laser on the spindle
-    home_timeout : seconds
+    units_per_turn : controller units per turn, negative if positive units turn clockwise
+    lasers : output of each laser by its name, spindle (M3, M5) or coolant (M8, M9)
+    power : 0 to 1, of a laser on the spindle output
+    home_timeout : seconds that homing may take
+
+    :raises ParameterError: a value is out of range, or two lasers have one output
     """
 
     port: str
@@ -39,11 +42,11 @@ class GrblSettings:
     def __post_init__(self) -> None:
         require_one_of('axis', self.axis, 'XYZABC')
         if not (math.isfinite(self.units_per_turn) and self.units_per_turn):
-            raise ParameterError(f'units_per_turn: {self.units_per_turn} is no number of units')
+            raise ParameterError(f'units_per_turn: {self.units_per_turn} must be finite and not 0')
         require_in_range('power', self.power, 0.0, 1.0)
-        wrong = [output for output in self.lasers.values() if output not in OUTPUTS]
-        if wrong or len(set(self.lasers.values())) != len(self.lasers):
+        unknown = [output for output in self.lasers.values() if output not in OUTPUTS]
+        if unknown or len(set(self.lasers.values())) != len(self.lasers):
             raise ParameterError(
-                f'lasers: {", ".join(self.lasers.values())}: each needs an output of its own, '
+                f'lasers: {", ".join(self.lasers.values())}: each laser needs its own output, '
                 f'{" or ".join(OUTPUTS)}'
             )

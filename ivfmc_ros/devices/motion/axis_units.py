@@ -1,51 +1,54 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Between radians that go on and on, and what a board counts in."""
+"""Conversion between the table position in radians and the position units of a controller."""
 
 import math
 
-_LETTERS = 'XYZABC'
+_AXIS_LETTERS = 'XYZABC'  # in the order in which GRBL reports them
 
 
 class AxisUnits:
     """
-    The axis that turns the table, in units of its board that go on and on.
+    Units of the axis that turns the table, and the count of turns.
 
-    letter : the axis; units_per_turn : of a turn, negative if positive is clockwise
+    Unwrapped units grow without limit; a controller may start again at 0, at power-on, after
+    homing or with every turn.
+
+    letter : of the axis, one of XYZABC
+    units_per_turn : controller units per turn, negative if positive units turn clockwise
     """
 
     def __init__(self, letter: str, units_per_turn: float) -> None:
         self.letter = letter
-        self.index = _LETTERS.index(letter)
-        self._turn = abs(units_per_turn)
-        self._radians = 2 * math.pi / units_per_turn
-        self._forgotten = 0  # turns that the board does not count
+        self.index = _AXIS_LETTERS.index(letter)
+        self._units_per_turn = abs(units_per_turn)
+        self._radians_per_unit = 2 * math.pi / units_per_turn
+        self._turn_offset = 0  # turns by which unwrapped units exceed those of the controller
 
     def to_radians(self, units: float) -> float:
         """Return the table position of unwrapped units."""
-        return units * self._radians
+        return units * self._radians_per_unit
 
     def from_radians(self, position: float) -> float:
         """Return the unwrapped units of a table position."""
-        return position / self._radians
+        return position / self._radians_per_unit
 
-    def to_board(self, units: float) -> float:
-        """Return what the board calls the position ``units``."""
-        return units - self._forgotten * self._turn
+    def to_controller(self, units: float) -> float:
+        """Return the controller's own position of unwrapped units."""
+        return units - self._turn_offset * self._units_per_turn
 
     def length(self, radians: float) -> float:
-        """Return an unsigned distance, velocity or acceleration in units."""
-        return abs(radians / self._radians)
+        """Return the magnitude of a distance, velocity or acceleration in units."""
+        return abs(radians / self._radians_per_unit)
 
-    def unwrap(self, board: float, expected: float) -> float:
+    def unwrap(self, controller_units: float, expected: float) -> float:
         """
-        Return the unwrapped position that the board calls ``board``.
+        Return the unwrapped units of the controller's own position.
 
-        Whole turns are counted that the board forgets when it is started or homed, or when it
-        begins every turn at 0.
+        Adjusts the count of turns, so that the result is within half a turn of ``expected``.
 
-        expected : units, where the axis should be, within half a turn
+        expected : unwrapped units where the axis should be
         """
-        turns = round((expected - board) / self._turn - self._forgotten)
-        self._forgotten += turns
-        return board + self._forgotten * self._turn
+        turns = round((expected - controller_units) / self._units_per_turn - self._turn_offset)
+        self._turn_offset += turns
+        return controller_units + self._turn_offset * self._units_per_turn

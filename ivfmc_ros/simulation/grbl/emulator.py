@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A GRBL 1.1 board on a pseudo-terminal, with the faults that boards have."""
+"""Emulated GRBL 1.1 controller behind a pseudo-terminal, with faults on request."""
 
 from collections.abc import Callable
 import contextlib
@@ -14,34 +14,34 @@ import time
 
 import numpy as np
 
-from ivfmc_ros.devices.motion.ramp import Motion
+from ivfmc_ros.devices.motion.trajectory import Trajectory
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.simulation.grbl.machine import GrblMachine
-from ivfmc_ros.simulation.grbl.modes import Outputs
+from ivfmc_ros.simulation.grbl.modal_state import LaserOutputs
 
-_IDLE = 0.02  # seconds between looks at whether the port was opened
-_BOOT = 0.2  # seconds from opening the port to the banner; a real boot loader takes 1 to 2
-_UP_AND_AWAY = select.POLLHUP
+_POLL_PERIOD = 0.02  # seconds, longest wait for bytes or for the opening of the port
+_MIN_WAIT = 0.0005  # seconds, so that a due event causes no busy loop
+_BOOT_TIME = 0.2  # seconds from opening the port to the banner; a real boot loader takes 1 to 2
 
 
-class BoardEmulator:
+class ControllerEmulator:
     """
-    Serves one board at ``path``, a symbolic link to a pseudo-terminal, in a thread of its own.
+    Runs a GrblMachine in a thread and connects it to a pseudo-terminal.
 
-    Opening the port resets the board, as it does with an Arduino. A fault is a line of text,
-    see ``fault``.
+    Opening the port resets the controller, as it does with an Arduino.
 
+    path : symbolic link to the pseudo-terminal, made by ``start``
     on_motion, on_outputs, clock_scale : see GrblMachine; times are of time.monotonic
-    homing : the board has a home switch, and is locked until it was homed
-    seed : of the bytes that are dropped
+    homing : whether the table has a home switch; it is locked then until it is homed
+    seed : of the random bytes that are dropped
     """
 
     def __init__(
         self,
         path: Path,
         *,
-        on_motion: Callable[[float, Motion], None] = lambda now, motion: None,
-        on_outputs: Callable[[float, Outputs], None] = lambda now, outputs: None,
+        on_motion: Callable[[float, Trajectory], None] = lambda now, motion: None,
+        on_outputs: Callable[[float, LaserOutputs], None] = lambda now, outputs: None,
         clock_scale: float = 1.0,
         homing: bool = False,
         seed: int = 0,
@@ -61,11 +61,15 @@ class BoardEmulator:
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """:raises FileError: there is something at the path already, or no such folder."""
+        """
+        Make the port and start the thread.
+
+        :raises FileError: the path exists already, or its folder does not
+        """
         self._master, slave = os.openpty()
         _make_raw(slave)
         name = os.ttyname(slave)
-        # only after it was opened and closed once, a terminal says that nobody has it open
+        # a pseudo-terminal reports a closed port (POLLHUP) only after it was opened once
         os.close(slave)
         os.set_blocking(self._master, False)
         try:
@@ -77,7 +81,7 @@ class BoardEmulator:
         self._thread.start()
 
     def stop(self) -> None:
-        """Take the board away."""
+        """End the thread and remove the port."""
         self._closing.set()
         if self._thread is not None:
             self._thread.join()
@@ -89,14 +93,14 @@ class BoardEmulator:
 
     def fault(self, text: str) -> None:
         """
-        Do what a board should not.
+        Cause a fault of the controller.
 
-        ``drop P`` loses every byte to the computer with probability P; ``silence S`` answers
-        nothing for S seconds; ``reset`` restarts by itself, as after a brown-out;
-        ``alarm N`` raises an alarm; ``slip D`` turns the table by D degrees on its shaft;
-        ``noise`` sends a line of noise; ``unplug`` takes the port away.
+        ``drop P`` loses each byte to the computer with probability P; ``silence S`` sends
+        nothing for S seconds; ``reset`` restarts the controller, as after a brown-out;
+        ``alarm N`` raises an alarm; ``slip D`` turns the table by D degrees on the shaft;
+        ``noise`` sends a line of random bytes; ``unplug`` removes the port.
 
-        :raises ValueError: there is no such fault
+        :raises ValueError: the text is no such fault
         """
         name, _, argument = text.strip().partition(' ')
         now = time.monotonic()
@@ -116,39 +120,39 @@ class BoardEmulator:
             elif name == 'unplug':
                 self._unplug()
             else:
-                raise ValueError(f'there is no fault {name!r}')
+                raise ValueError(f'there is no fault {name!r}; see ControllerEmulator.fault')
 
     def _serve(self) -> None:
         poller = select.poll()
         poller.register(self._master, select.POLLIN)
         opened = False
         while not self._closing.is_set() and self._master >= 0:
-            events = poller.poll(self._wait() * 1000)
+            events = poller.poll(self._wait_time() * 1000)
             state = events[0][1] if events else 0
             with self._lock:
-                if state & _UP_AND_AWAY:
+                if state & select.POLLHUP:
                     opened = False
                 elif not opened:
-                    opened, self._boot_at = True, time.monotonic() + _BOOT
-                self._work(bool(state & select.POLLIN))
+                    opened, self._boot_at = True, time.monotonic() + _BOOT_TIME
+                self._process(bool(state & select.POLLIN))
             if not opened:
-                self._closing.wait(_IDLE)
+                self._closing.wait(_POLL_PERIOD)
 
-    def _wait(self) -> float:
-        due = min(self.machine.due, self._boot_at)
-        return float(np.clip(due - time.monotonic(), 0.0005, _IDLE))
+    def _wait_time(self) -> float:
+        due = min(self.machine.next_event, self._boot_at)
+        return float(np.clip(due - time.monotonic(), _MIN_WAIT, _POLL_PERIOD))
 
-    def _work(self, readable: bool) -> None:
+    def _process(self, readable: bool) -> None:
         data = b''
         if readable:
-            with contextlib.suppress(OSError):  # nobody has it open any more
+            with contextlib.suppress(OSError):  # the port was closed meanwhile
                 data = os.read(self._master, 4096)
         now = time.monotonic()
         if now >= self._boot_at:
             self._boot_at = math.inf
             self.machine.power_on(now)
         elif self._boot_at < math.inf:
-            data = b''  # the boot loader has eaten it
+            data = b''  # the boot loader discards it
         self.machine.advance(now)
         self.machine.feed(data, now)
         output = self.machine.take_output()
@@ -159,7 +163,7 @@ class BoardEmulator:
         if self._drop:
             kept = self._rng.random(len(output)) >= self._drop
             output = np.frombuffer(output, dtype=np.uint8)[kept].tobytes()
-        # nobody has it open, or nobody reads it
+        # the port is closed, or its buffer is full
         with contextlib.suppress(OSError):
             os.write(self._master, output)
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""G-code as GRBL 1.1 reads it, for a board with one axis and two outputs."""
+"""Parser of G-code blocks with the error numbers of GRBL 1.1 (gcode.c), for an emulation."""
 
 from dataclasses import dataclass
 from dataclasses import field
@@ -9,7 +9,7 @@ import re
 _WORD = re.compile(r'([A-Z])([-+]?(?:\d+\.?\d*|\.\d+))')
 _COMMENT = re.compile(r'\([^)]*\)?|;.*')
 
-# Of each modal group a line may have one.
+# Modal groups: a block may have one code of each.
 _GROUPS = {
     'motion': ('G0', 'G1'),
     'dwell': ('G4', 'G53'),
@@ -25,13 +25,14 @@ _GROUPS = {
 _GROUP_OF = {code: group for group, codes in _GROUPS.items() for code in codes}
 _VALUES = 'FNPSTXYZ'
 
+# Error numbers of GRBL 1.1.
 BAD_LETTER, BAD_NUMBER, NEGATIVE = 1, 2, 4
 UNSUPPORTED, TWICE_IN_GROUP, NO_FEED, NOT_WHOLE, TWO_MOTIONS, REPEATED = 20, 21, 22, 23, 24, 25
 MISSING = 28
 
 
-class LineError(Exception):
-    """The board answers ``error:<number>``."""
+class GcodeError(Exception):
+    """The controller responds with ``error:<number>``."""
 
     def __init__(self, number: int) -> None:
         super().__init__(f'error:{number}')
@@ -39,28 +40,33 @@ class LineError(Exception):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Block:
-    """One line: what it says of each modal group, and its values by letter."""
+class GcodeBlock:
+    """
+    One parsed line.
+
+    codes : G or M code by modal group
+    values : values by letter
+    """
 
     codes: dict[str, str] = field(default_factory=dict)
     values: dict[str, float] = field(default_factory=dict)
 
     @property
     def moves(self) -> bool:
-        """It names a position."""
+        """Whether the block names a target position."""
         return any(axis in self.values for axis in 'XYZ')
 
 
 def clean(text: str) -> str:
-    """Return a line without spaces and comments, in capitals."""
+    """Return a line in upper case, without spaces and comments."""
     return ''.join(_COMMENT.sub('', text).split()).upper()
 
 
-def read_block(text: str) -> Block:
+def parse_block(text: str) -> GcodeBlock:
     """
-    Read a cleaned line.
+    Return the block of a cleaned line.
 
-    :raises LineError: with the number that GRBL answers
+    :raises GcodeError: with the error number of GRBL
     """
     codes: dict[str, str] = {}
     values: dict[str, float] = {}
@@ -68,28 +74,28 @@ def read_block(text: str) -> Block:
     while at < len(text):
         match = _WORD.match(text, at)
         if match is None:
-            raise LineError(BAD_NUMBER if text[at].isalpha() else BAD_LETTER)
+            raise GcodeError(BAD_NUMBER if text[at].isalpha() else BAD_LETTER)
         at = match.end()
-        _take(match[1], float(match[2]), codes, values)
-    return Block(codes=codes, values=values)
+        _add_word(match[1], float(match[2]), codes, values)
+    return GcodeBlock(codes=codes, values=values)
 
 
-def _take(letter: str, value: float, codes: dict[str, str], values: dict[str, float]) -> None:
+def _add_word(letter: str, value: float, codes: dict[str, str], values: dict[str, float]) -> None:
     if letter in 'GM':
         if value != int(value):
-            raise LineError(UNSUPPORTED if letter == 'G' else NOT_WHOLE)
+            raise GcodeError(UNSUPPORTED if letter == 'G' else NOT_WHOLE)
         code = f'{letter}{int(value)}'
         group = _GROUP_OF.get(code)
         if group is None:
-            raise LineError(UNSUPPORTED)
+            raise GcodeError(UNSUPPORTED)
         if group in codes:
-            raise LineError(TWO_MOTIONS if group == 'motion' else TWICE_IN_GROUP)
+            raise GcodeError(TWO_MOTIONS if group == 'motion' else TWICE_IN_GROUP)
         codes[group] = code
         return
     if letter not in _VALUES:
-        raise LineError(UNSUPPORTED)
+        raise GcodeError(UNSUPPORTED)
     if letter in values:
-        raise LineError(REPEATED)
+        raise GcodeError(REPEATED)
     if letter in 'FNPST' and value < 0:
-        raise LineError(NEGATIVE)
+        raise GcodeError(NEGATIVE)
     values[letter] = value

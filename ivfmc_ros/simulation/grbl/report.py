@@ -1,25 +1,26 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Texts of an emulated GRBL 1.1 board."""
+"""Status reports and listings in the format of GRBL 1.1 (report.c), for an emulation."""
 
 from collections.abc import Mapping
 
-# After how many reports work offset and overrides are said again: (idle, busy).
-_OFFSET_EVERY, _OVERRIDES_EVERY = (10, 30), (10, 20)
-_WHOLE = (0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 30, 31, 32)
+# Reports from one with work offset, or overrides, to the next: (idle, busy); config.h of GRBL.
+_OFFSET_PERIOD, _OVERRIDES_PERIOD = (10, 30), (10, 20)
+# Settings that are listed without decimals.
+_INTEGER_SETTINGS = (0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 30, 31, 32)
 
 
-class Reporter:
-    """Writes status reports, which do not say everything every time."""
+class ReportFormatter:
+    """Formats status reports; work offset and overrides are part of some of them only."""
 
     def __init__(self) -> None:
         self._offset_in = self._overrides_in = 0
 
-    def refresh(self) -> None:
-        """Say the outputs with the next report."""
+    def include_outputs(self) -> None:
+        """Include overrides and outputs in the next report."""
         self._overrides_in = 0
 
-    def line(
+    def status_line(
         self,
         *,
         state: str,
@@ -32,7 +33,11 @@ class Reporter:
         """
         Return a status report.
 
-        position, feed : units and units per minute; outputs : letters of what is on
+        state : as GRBL names it, with a substate after a colon
+        position, feed : units, units per minute
+        rpm : spindle speed
+        outputs : letters of the outputs that are on
+        busy : whether the state is not Idle
         """
         parts = [
             state,
@@ -42,13 +47,13 @@ class Reporter:
         if self._offset_in > 0:
             self._offset_in -= 1
         else:
-            self._offset_in = _OFFSET_EVERY[busy] - 1
+            self._offset_in = _OFFSET_PERIOD[busy] - 1
             self._overrides_in = self._overrides_in or 1
             parts.append('WCO:0.000,0.000,0.000')
         if self._overrides_in > 0:
             self._overrides_in -= 1
         else:
-            self._overrides_in = _OVERRIDES_EVERY[busy] - 1
+            self._overrides_in = _OVERRIDES_PERIOD[busy] - 1
             parts.append('Ov:100,100,100')
             if outputs:
                 parts.append(f'A:{outputs}')
@@ -56,14 +61,16 @@ class Reporter:
 
     @staticmethod
     def settings(values: Mapping[int, float]) -> str:
-        """Return the answer to ``$$``, without its ok."""
+        """Return the response to ``$$``, without ok."""
         return ''.join(
-            f'${number}={value:.0f}\r\n' if number in _WHOLE else f'${number}={value:.3f}\r\n'
+            f'${number}={value:.0f}\r\n'
+            if number in _INTEGER_SETTINGS
+            else f'${number}={value:.3f}\r\n'
             for number, value in sorted(values.items())
         )
 
     @staticmethod
     def help() -> str:
-        """Return the answer to ``$``, without its ok."""
+        """Return the response to ``$``, without ok."""
         commands = '$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x'
         return f'[HLP:{commands}]\r\n'

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The camera of a simulated cell: renders what table and lasers really did at the exposure."""
+"""Camera of a simulated cell: renders the true table position and laser power of an exposure."""
 
 from pathlib import Path
 import time
@@ -8,75 +8,92 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
+from ivfmc_ros.devices.cameras.device import CameraImage
 from ivfmc_ros.devices.cameras.device import Exposure
-from ivfmc_ros.devices.cameras.device import Picture
-from ivfmc_ros.devices.motion.pacer import Pacer
+from ivfmc_ros.devices.cameras.frame_timer import FrameTimer
 from ivfmc_ros.errors import CameraLostError
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.model import Singles
 from ivfmc_ros.simulation.live.folder import LiveFolder
 from ivfmc_ros.simulation.live.truth import TruthReader
+from ivfmc_ros.simulation.render.optics import add_speckle
 from ivfmc_ros.simulation.render.optics import Optics
-from ivfmc_ros.simulation.render.optics import speckled
 from ivfmc_ros.simulation.render.optics import WHITE
 from ivfmc_ros.simulation.render.renderer import StripeRenderer
 
-USUAL_SECONDS = 0.005  # exposure at which the optics' grey values hold
+NOMINAL_EXPOSURE = 0.005  # seconds, at which the gray values of Optics are valid
 
-_DARK_ROOM = 1.5  # dark pixels in store, in pictures; each picture begins somewhere in it
-_SETTLED = 0.002  # seconds after the exposure, in which the board's process may be late
+_DARK_POOL_SIZE = 1.5  # dark pixels, in images; each image takes a random section of the pool
+_TRUTH_DELAY = 0.002  # seconds by which the process of the cell may write late
 
 
 class SimulatedCamera:
     """
     A CameraDevice in a simulated cell.
 
-    folder : where the live cell keeps its truth
+    folder : of the simulated cell, see LiveFolder
     """
 
     def __init__(self, folder: Path, exposure: Exposure) -> None:
         self._folder, self._exposure = folder, exposure
-        self._pacer = Pacer()
+        self._timer = FrameTimer()
         self._truth: TruthReader | None = None
         self._scene: LiveScene | None = None
 
     def open(self) -> None:
-        """:raises CameraLostError: there is no simulated cell in the folder."""
+        """
+        Read the description of the cell.
+
+        :raises CameraLostError: there is no simulated cell in the folder
+        """
         try:
             self._truth = TruthReader(LiveFolder(self._folder).truth)
             self._scene = LiveScene(LiveFolder(self._folder))
         except FileError as error:
             raise CameraLostError(f'simulated camera: {error}') from error
 
-    def grab(self, seconds: float) -> Picture | None:
-        """Return the next picture; rendering takes about as long as a picture at 15 a second."""
+    def grab(self, timeout: float) -> CameraImage | None:
+        """
+        Return the next image, None if there is none within ``timeout`` seconds.
+
+        Rendering reaches about 15 images per second.
+
+        :raises CameraLostError: the camera is not open, or the cell has ended
+        """
         exposure = self._exposure
         if self._truth is None or self._scene is None:
             raise CameraLostError('simulated camera: is not open')
-        if self._pacer.next(1 / exposure.frame_rate, seconds) is None:
+        if self._timer.wait_next(1 / exposure.frame_rate, timeout) is None:
             return None
         start, stamp_ns = time.monotonic(), time.time_ns()
-        # what happens during the exposure is known after it
-        time.sleep(exposure.seconds + _SETTLED)
+        # motion and lasers during the exposure are known after it
+        time.sleep(exposure.seconds + _TRUTH_DELAY)
         if not LiveFolder(self._folder).truth.exists():
-            raise CameraLostError(f'simulated camera: {self._folder}: the cell is gone')
-        angle, _ = self._truth.table(start + exposure.seconds / 2)
-        powers = self._truth.lasers(start, start + exposure.seconds)
-        strength = exposure.gain * exposure.seconds / USUAL_SECONDS
-        image = self._scene.picture(angle, strength * powers, strength)
-        return Picture(image=image, stamp_ns=stamp_ns)
+            raise CameraLostError(
+                f'simulated camera: {self._folder}: the simulated cell has ended'
+            )
+        angle, _ = self._truth.table_state(start + exposure.seconds / 2)
+        powers = self._truth.mean_laser_powers(start, start + exposure.seconds)
+        brightness = exposure.gain * exposure.seconds / NOMINAL_EXPOSURE
+        image = self._scene.render(angle, brightness * powers, brightness)
+        return CameraImage(image=image, stamp_ns=stamp_ns)
 
     def set_exposure(self, exposure: Exposure) -> None:
-        """Take the following pictures so."""
+        """Apply exposure, gain and frame rate to the following images."""
         self._exposure = exposure
 
     def close(self) -> None:
-        """Let the cell go."""
+        """Release the cell."""
         self._truth = self._scene = None
 
 
 class LiveScene:
-    """Renders pictures of a live cell, fast because most of a picture is dark."""
+    """
+    Renders images of a simulated cell in real time.
+
+    Noise of the many dark pixels is drawn once and reused; only lit pixels are computed for each
+    image.
+    """
 
     def __init__(self, folder: LiveFolder) -> None:
         description = folder.read()
@@ -89,28 +106,29 @@ class LiveScene:
         self._rng = np.random.default_rng(description.seed)
         self._dark: NDArray[np.uint8] | None = None
         self._dark_level = -1.0
-        # the renderer prepares what it needs with the first picture
+        # the first image takes longer, because the renderer builds its tables
         self._renderer.light(0.0, 0)
 
-    def picture(
-        self, angle: float, powers: NDArray[np.float64], strength: float = 1.0
+    def render(
+        self, angle: float, powers: NDArray[np.float64], ambient_factor: float = 1.0
     ) -> NDArray[np.uint8]:
         """
-        Return what the sensor sees.
+        Return the image of the sensor, (height, width).
 
-        angle : radians
-        powers : (lasers,) of each laser, 1 is the optics' peak
-        strength : of the ambient light, 1 is the optics' ambient
+        angle : of the table, radians
+        powers : (lasers,) of each laser, relative to the peak of Optics
+        ambient_factor : ambient light relative to that of Optics
         """
-        image = self._dark_picture(self._optics.ambient * strength)
-        light = self._light(angle, powers)
+        ambient = self._optics.ambient * ambient_factor
+        image = self._dark_image(ambient)
+        light = self._laser_light(angle, powers)
         if light is not None:
             lit = np.flatnonzero(light)
-            signal = speckled(light.ravel()[lit], self._optics.speckle, self._rng)
-            image.ravel()[lit] = self._sense(signal + self._optics.ambient * strength)
+            signal = add_speckle(light.ravel()[lit], self._optics.speckle, self._rng)
+            image.ravel()[lit] = self._expose(signal + ambient)
         return image
 
-    def _light(self, angle: float, powers: NDArray[np.float64]) -> Singles | None:
+    def _laser_light(self, angle: float, powers: NDArray[np.float64]) -> Singles | None:
         total: Singles | None = None
         for laser, power in enumerate(powers[: self._lasers].tolist()):
             if power > 0:
@@ -118,20 +136,20 @@ class LiveScene:
                 total = light if total is None else total + light
         return total
 
-    def _dark_picture(self, level: float) -> NDArray[np.uint8]:
-        """Return a copy of some of the store: noise costs more than all the rest."""
+    def _dark_image(self, level: float) -> NDArray[np.uint8]:
+        """Return a random section of the pool; drawing fresh noise takes longest of all steps."""
         height, width = self._camera.height, self._camera.width
         pixels = height * width
         if self._dark is None or level != self._dark_level:
-            room = np.full(round(_DARK_ROOM * pixels), level, dtype=np.float32)
-            self._dark, self._dark_level = self._sense(room), level
+            pool = np.full(round(_DARK_POOL_SIZE * pixels), level, dtype=np.float32)
+            self._dark, self._dark_level = self._expose(pool), level
         start = int(self._rng.integers(len(self._dark) - pixels))
         return self._dark[start : start + pixels].reshape(height, width).copy()
 
-    def _sense(self, signal: Singles) -> NDArray[np.uint8]:
-        """Return the grey values of light, as ``optics.expose`` has them."""
+    def _expose(self, signal: Singles) -> NDArray[np.uint8]:
+        """Return gray values of light with read and shot noise, as ``optics.expose`` does."""
         optics: Optics = self._optics
         variance = optics.read_noise**2 + np.maximum(signal, 0) / optics.electrons_per_dn
         noise = self._rng.standard_normal(signal.shape, dtype=np.float32)
-        grey = np.rint(signal + np.sqrt(variance, dtype=np.float32) * noise)
-        return np.asarray(np.clip(grey, 0, WHITE).astype(np.uint8))
+        gray = np.rint(signal + np.sqrt(variance, dtype=np.float32) * noise)
+        return np.asarray(np.clip(gray, 0, WHITE).astype(np.uint8))

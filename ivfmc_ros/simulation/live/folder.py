@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The folder in which the processes of a simulated cell meet."""
+"""Folder through which the processes of a simulated cell exchange its description and state."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +21,14 @@ from ivfmc_ros.simulation.render.optics import Optics
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LiveDescription:
-    """What is to be seen: the cell, the part (None for none), light and sensor, the noise."""
+    """
+    What the camera of a simulated cell sees.
+
+    cell : calibrated cell without errors
+    solid : the part on the table, None for none
+    optics : light and sensor
+    seed : of the image noise
+    """
 
     cell: Cell
     solid: Solid | None
@@ -31,16 +38,16 @@ class LiveDescription:
 
 class LiveFolder:
     """
-    Names of what is in the folder.
+    Files of the folder.
 
-    board : symbolic link to the serial port of the motion board
-    truth : what table and lasers do, see live_truth
-    faults : named pipe that takes faults of the board, one a line, see BoardEmulator.fault
+    controller : symbolic link to the serial port of the motion controller
+    truth : true motion of the table and power of the lasers, see TruthWriter
+    faults : named pipe for faults of the controller, one per line, see ControllerEmulator.fault
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.board = folder / 'board'
+        self.controller = folder / 'controller'
         self.truth = folder / 'truth'
         self.faults = folder / 'faults'
         self._cell = folder / 'cell.yaml'
@@ -49,11 +56,15 @@ class LiveFolder:
         self._light = folder / 'light.yaml'
 
     def write(self, description: LiveDescription) -> None:
-        """:raises FileError: the folder cannot be written."""
+        """
+        Write the description.
+
+        :raises FileError: the folder cannot be written
+        """
         save_cell(self._cell, description.cell)
         save_camera(self._camera, description.cell.camera)
         if description.solid is not None:
-            with files.whole_file(self._part) as path, path.open('wb') as stream:
+            with files.atomic_file(self._part) as path, path.open('wb') as stream:
                 np.savez(
                     stream,
                     vertices_xyz=description.solid.vertices_xyz,
@@ -63,7 +74,11 @@ class LiveFolder:
         files.write_text(self._light, yaml.safe_dump(light))
 
     def read(self) -> LiveDescription:
-        """:raises FileError: there is no simulated cell in the folder."""
+        """
+        Read the description.
+
+        :raises FileError: there is no simulated cell in the folder
+        """
         camera = load_camera(self._camera)
         cell = load_cell(self._cell, camera)
         try:
@@ -71,13 +86,15 @@ class LiveFolder:
             optics, seed = Optics(**light['optics']), int(light['seed'])
             solid = self._read_part() if self._part.exists() else None
         except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError) as error:
-            raise FileError(f'{self.folder}: is no folder of a simulated cell: {error}') from error
+            raise FileError(
+                f'{self.folder}: does not describe a simulated cell: {error}'
+            ) from error
         return LiveDescription(cell=cell, solid=solid, optics=optics, seed=seed)
 
     def clear(self) -> None:
-        """Take away what only lives with the process of the cell, and what it wrote."""
+        """Remove all files of the cell."""
         for path in (
-            self.board,
+            self.controller,
             self.truth,
             self.faults,
             self._cell,

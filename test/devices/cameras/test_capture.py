@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from ivfmc_ros.devices.cameras.capture import Capture
+from ivfmc_ros.devices.cameras.device import CameraImage
 from ivfmc_ros.devices.cameras.device import Exposure
-from ivfmc_ros.devices.cameras.device import Picture
 from ivfmc_ros.devices.cameras.folder import FolderCamera
+from ivfmc_ros.devices.cameras.frame_timer import FrameTimer
 from ivfmc_ros.devices.cameras.opencv import OpencvCamera
-from ivfmc_ros.devices.motion.pacer import Pacer
 from ivfmc_ros.errors import CameraLostError
 from ivfmc_ros.errors import ParameterError
 
@@ -27,11 +27,11 @@ class FragileCamera:
         self.opened += 1
         self.given = 0
 
-    def grab(self, seconds):
+    def grab(self, timeout):
         if self.given == 3:
             raise CameraLostError('unplugged')
         self.given += 1
-        return Picture(image=np.zeros((2, 2), np.uint8), stamp_ns=self.given)
+        return CameraImage(image=np.zeros((2, 2), np.uint8), stamp_ns=self.given)
 
     def set_exposure(self, exposure):
         pass
@@ -40,7 +40,7 @@ class FragileCamera:
         self.closed += 1
 
 
-def test_lost_camera_is_closed_said_and_opened_again():
+def test_lost_camera_is_closed_and_opened_again():
     camera, pictures = FragileCamera(), []
     capture = Capture(camera, Exposure(), pictures.append)
     capture.start()
@@ -51,10 +51,10 @@ def test_lost_camera_is_closed_said_and_opened_again():
     capture.stop()
     assert camera.opened == 2
     assert camera.closed == 2
-    assert capture.pictures >= 3
+    assert capture.image_count >= 3
 
 
-def test_picture_that_cannot_be_delivered_is_said_and_others_come():
+def test_image_that_cannot_be_delivered_is_a_fault_and_capture_continues():
     camera, pictures = FragileCamera(), []
 
     def deliver(picture):
@@ -66,7 +66,7 @@ def test_picture_that_cannot_be_delivered_is_said_and_others_come():
     capture = Capture(camera, Exposure(), deliver)
     capture.start()
     deadline = time.monotonic() + 5.0
-    while 'ValueError: no such encoding' not in capture.trouble and time.monotonic() < deadline:
+    while 'ValueError: no such encoding' not in capture.fault and time.monotonic() < deadline:
         time.sleep(0.01)
     assert time.monotonic() < deadline
     while len(pictures) < 3 and time.monotonic() < deadline:
@@ -75,15 +75,17 @@ def test_picture_that_cannot_be_delivered_is_said_and_others_come():
     assert len(pictures) >= 3
 
 
-def test_pacer_keeps_the_rate_and_leaves_out_what_is_over():
+def test_frame_timer_keeps_the_rate_and_skips_missed_frames():
     now = [100.0]
-    pacer = Pacer(clock=lambda: now[0], sleep=lambda seconds: now.__setitem__(0, now[0] + seconds))
-    moments = [pacer.next(0.1, 1.0) for _ in range(3)]
+    timer = FrameTimer(
+        clock=lambda: now[0], sleep=lambda seconds: now.__setitem__(0, now[0] + seconds)
+    )
+    moments = [timer.wait_next(0.1, 1.0) for _ in range(3)]
     assert moments == pytest.approx([100.0, 100.1, 100.2])
     now[0] += 0.55
-    assert pacer.next(0.1, 1.0) == pytest.approx(100.75)
-    assert pacer.next(0.1, 1.0) == pytest.approx(100.85)
-    assert pacer.next(10.0, 0.0001) is None
+    assert timer.wait_next(0.1, 1.0) == pytest.approx(100.75)
+    assert timer.wait_next(0.1, 1.0) == pytest.approx(100.85)
+    assert timer.wait_next(10.0, 0.0001) is None
 
 
 def test_folder_ends_unless_it_repeats(tmp_path):
@@ -122,13 +124,13 @@ def test_video_ends_as_a_lost_camera(tmp_path):
     assert picture is not None
     assert picture.image.shape == (48, 64)
     assert time.time_ns() - picture.stamp_ns >= 11_000_000
-    with pytest.raises(CameraLostError, match='no pictures'):
+    with pytest.raises(CameraLostError, match='no images'):
         for _ in range(20):
             camera.grab(0.001)
     camera.close()
 
 
-def test_opencv_camera_that_is_not_there_is_refused(tmp_path):
+def test_missing_opencv_camera_is_refused(tmp_path):
     with pytest.raises(CameraLostError, match='cannot be opened'):
         OpencvCamera(str(tmp_path / 'none.avi'), Exposure()).open()
 
@@ -143,6 +145,6 @@ def test_opencv_camera_that_is_not_there_is_refused(tmp_path):
         {'gain': 0.0},
     ],
 )
-def test_exposure_that_cannot_be_is_refused(wrong):
+def test_exposure_out_of_range_is_refused(wrong):
     with pytest.raises(ParameterError):
         Exposure(**wrong)

@@ -20,16 +20,16 @@ def test_negative_units_turn_the_other_way():
     assert units.index == 3
 
 
-def test_board_that_begins_every_turn_at_zero_is_unwrapped():
+def test_controller_that_starts_each_turn_at_zero_is_unwrapped():
     units = AxisUnits('X', 360.0)
     position = 0.0
     for true in range(0, 2000, 50):
         position = units.unwrap(true % 360, position)
         assert position == true
-    assert units.to_board(position) == 1950 % 360
+    assert units.to_controller(position) == 1950 % 360
 
 
-def test_board_that_restarts_at_zero_keeps_the_turns():
+def test_controller_that_restarts_at_zero_keeps_the_turns():
     units = AxisUnits('X', 360.0)
     assert units.unwrap(0.0, 725.0) == 720.0
-    assert units.to_board(730.0) == 10.0
+    assert units.to_controller(730.0) == 10.0

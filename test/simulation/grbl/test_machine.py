@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 import pytest
 
-from ivfmc_ros.devices.motion import ramp
+from ivfmc_ros.devices.motion import trajectory
 from ivfmc_ros.simulation.grbl.machine import GrblMachine
 
 
 class Bench:
-    """A machine on a clock of its own."""
+    """A machine with a simulated clock."""
 
     def __init__(self, **settings):
         self.now = 100.0
@@ -18,7 +18,7 @@ class Bench:
         )
         self.machine.settings.update({int(key[1:]): value for key, value in settings.items()})
         self.machine.power_on(self.now)
-        self.greeting = self.machine.take_output().decode()
+        self.banner = self.machine.take_output().decode()
 
     def send(self, text, seconds=0.0):
         self.machine.feed(text.encode('latin-1'), self.now)
@@ -35,16 +35,16 @@ class Bench:
         return self.send(text, seconds).split('\r\n')[:-1]
 
 
-def test_power_on_greets():
-    assert Bench().greeting == "\r\nGrbl 1.1h ['$' for help]\r\n"
+def test_power_on_sends_the_banner():
+    assert Bench().banner == "\r\nGrbl 1.1h ['$' for help]\r\n"
 
 
-def test_one_line_one_answer():
+def test_each_line_has_one_response():
     bench = Bench()
     assert bench.lines('G21G90G94\n\n(comment)\n; more\nG1 F600\n') == ['ok'] * 5
 
 
-# as GRBL 1.1h of 2019-08-30 answers, built from its sources for a computer
+# responses of GRBL 1.1h of 2019-08-30, built from its sources for a computer
 @pytest.mark.parametrize(
     ('line', 'answer'),
     [
@@ -73,7 +73,7 @@ def test_answers_are_those_of_grbl(line, answer):
     assert Bench().lines(f'{line}\n') == ([] if answer is None else [answer])
 
 
-def test_reports_say_offsets_then_overrides_then_neither():
+def test_reports_have_offsets_then_overrides_then_neither():
     bench = Bench()
     position = '<Idle|MPos:0.000,0.000,0.000|FS:0,0'
     assert bench.lines('?') == [f'{position}|WCO:0.000,0.000,0.000>']
@@ -85,7 +85,7 @@ def test_move_takes_the_time_of_its_ramp():
     bench = Bench()
     assert bench.lines('G1X10F600\n') == ['ok']
     motion = bench.motions[-1]
-    assert ramp.end(motion) - bench.now == pytest.approx(1.0 + 10 / 360, abs=1e-6)
+    assert trajectory.end_time(motion) - bench.now == pytest.approx(1.0 + 10 / 360, abs=1e-6)
     assert bench.lines('?')[0].startswith('<Run|MPos:0.000')
     bench.wait(0.5)
     assert '|FS:600,' in bench.lines('?')[0]
@@ -99,7 +99,7 @@ def test_targets_are_whole_steps():
     assert bench.lines('?')[0].startswith('<Idle|MPos:1.200')
 
 
-def test_dwell_is_answered_after_the_motion():
+def test_response_to_a_dwell_comes_after_the_motion():
     bench = Bench()
     bench.send('G1X10F600\n')
     assert bench.send('G4P0.01\n', 0.9) == ''
@@ -107,7 +107,7 @@ def test_dwell_is_answered_after_the_motion():
 
 
 @pytest.mark.parametrize(('line', 'lit'), [('M3S500', (0.5, 0.0)), ('M8', (0.0, 1.0))])
-def test_outputs_wait_for_the_motion_also_to_go_off(line, lit):
+def test_outputs_switch_after_the_motion_also_off(line, lit):
     bench = Bench()
     bench.send('G1X10F600\n')
     assert bench.send(f'{line}\n', 0.9) == ''
@@ -121,7 +121,7 @@ def test_outputs_wait_for_the_motion_also_to_go_off(line, lit):
     assert (bench.outputs[-1][1].spindle, bench.outputs[-1][1].coolant) == (0.0, 0.0)
 
 
-def test_laser_mode_m4_is_dark_at_standstill_and_m3_is_not():
+def test_in_laser_mode_m4_is_off_at_standstill_and_m3_is_on():
     bench = Bench(s32=1.0)
     bench.send('G1F600\nM4S1000\n')
     assert bench.outputs == []
@@ -133,7 +133,7 @@ def test_laser_mode_m4_is_dark_at_standstill_and_m3_is_not():
     assert bench.outputs[-1][1].spindle == 1.0
 
 
-def test_hold_brakes_keeps_the_rest_and_goes_on():
+def test_hold_brakes_and_resume_continues():
     bench = Bench()
     bench.send('G1X10F600\n', 0.5)
     bench.send('!')
@@ -148,7 +148,7 @@ def test_hold_brakes_keeps_the_rest_and_goes_on():
     assert bench.lines('?')[0].startswith('<Idle|MPos:0.000')
 
 
-def test_reset_after_a_hold_keeps_the_position_and_darkens():
+def test_reset_after_a_hold_keeps_the_position_and_turns_outputs_off():
     bench = Bench()
     bench.send('M8\nG1X10F600\n', 0.5)
     bench.send('!', 0.2)
@@ -167,7 +167,7 @@ def test_reset_while_moving_is_alarm_3():
     assert bench.lines('G1X1F600\n') == ['ok']
 
 
-def test_limit_switch_silences_the_board_until_a_reset():
+def test_no_reports_after_a_limit_switch_until_a_reset():
     bench = Bench()
     bench.machine.alarm(1, bench.now)
     assert bench.wait() == 'ALARM:1\r\n[MSG:Reset to continue]\r\n'
@@ -175,7 +175,7 @@ def test_limit_switch_silences_the_board_until_a_reset():
     assert 'Grbl' in bench.send('\x18')
 
 
-def test_power_on_begins_at_zero_where_the_table_stands():
+def test_power_on_makes_the_present_position_zero():
     bench = Bench()
     bench.send('G1X10F6000\n', 2.0)
     bench.machine.power_on(bench.now)
@@ -184,9 +184,9 @@ def test_power_on_begins_at_zero_where_the_table_stands():
     assert bench.motions[-1][-1].position == pytest.approx(10.0)
 
 
-def test_homing_answers_nothing_until_it_is_done():
+def test_homing_responds_when_it_has_ended():
     bench = Bench(s22=1.0, s25=36000.0)
-    assert 'unlock' in bench.greeting
+    assert 'unlock' in bench.banner
     assert bench.lines('G1X1F100\n') == ['error:9']
     assert bench.send('$H\n') == ''
     assert bench.send('?', 1.0) == ''
