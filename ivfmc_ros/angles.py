@@ -1,9 +1,9 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The file that says at which table angle each picture was taken.
+Reading and writing of the table angle of each picture, a YAML file.
 
-``ivfmc calibrate turntable`` measures it, ``ivfmc import-images`` uses it::
+``ivfmc calibrate turntable`` writes it, ``ivfmc import-images`` reads it::
 
     version: 1
     angles:            # radians, positive counter-clockwise about +z
@@ -27,7 +27,7 @@ def load_angles(path: Path) -> dict[str, float]:
     """
     Read the table angle in radians of each picture, by file name.
 
-    :raises FileError: names the file and the key that is missing or no angle
+    :raises FileError: a key is missing or its value is no angle; names the file and the key
     """
     document = _read(path)
     unknown = [str(key) for key in document if key not in ('version', 'angles')]
@@ -38,7 +38,7 @@ def load_angles(path: Path) -> dict[str, float]:
     angles = document.get('angles')
     if not isinstance(angles, dict) or not angles:
         raise FileError(f'{path}: angles: must be a mapping of file names to radians')
-    return {str(name): _angle(path, name, value) for name, value in angles.items()}
+    return {str(name): _parse_angle(path, name, value) for name, value in angles.items()}
 
 
 def save_angles(path: Path, angles: Mapping[str, float]) -> None:
@@ -66,8 +66,8 @@ def _read(path: Path) -> dict[str, object]:
     return document
 
 
-def _angle(path: Path, name: object, value: object) -> float:
-    # PyYAML follows YAML 1.1, in which 4e-5 without a dot is a text.
+def _parse_angle(path: Path, name: object, value: object) -> float:
+    # PyYAML implements YAML 1.1, in which 4e-5 without a decimal point is a text
     if isinstance(value, str | int | float) and not isinstance(value, bool):
         try:
             angle = float(value)

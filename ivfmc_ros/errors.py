@@ -1,13 +1,15 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What can go wrong, each with the code that commands and services answer."""
+"""Exceptions of the package; each has the error code that services and commands report."""
 
 
 class ScanError(Exception):
     """
-    Base of every error that a user of the scanner can cause or meet.
+    Base of all errors that the package reports to its users.
 
-    ``str(error)`` is one line that names the file, topic or parameter and says what to do.
+    ``str(error)`` is one line that names the file, topic or parameter and what to do.
+
+    code : stable identifier for programs
     """
 
     code = 'INTERNAL'
@@ -17,25 +19,25 @@ class ScanError(Exception):
 
 
 class ParameterError(ScanError):
-    """A setting has a value that cannot be used."""
+    """A setting or argument has an invalid value."""
 
     code = 'BAD_PARAMETER'
 
 
 class FileError(ScanError):
-    """A file or folder cannot be read, written or understood."""
+    """A file or folder cannot be read, written or parsed."""
 
     code = 'BAD_FILE'
 
 
 class CellError(FileError):
-    """A calibration file describes a cell that cannot exist or does not fit the camera."""
+    """A calibration file is invalid, or does not fit the camera."""
 
     code = 'BAD_CELL'
 
 
 class CalibrationError(ScanError):
-    """Pictures do not determine a calibration well enough."""
+    """The images do not determine a calibration well enough."""
 
     code = 'CALIBRATION_REFUSED'
 
@@ -47,31 +49,31 @@ class BagError(FileError):
 
 
 class MessageError(ScanError):
-    """A message cannot be understood: a field is missing, or its data are not what it says."""
+    """A message is invalid: a field is missing, or the data do not match its description."""
 
     code = 'BAD_MESSAGE'
 
 
 class NotReadyError(ScanError):
-    """A node lacks something that it needs first, such as its cell or a camera_info."""
+    """A node lacks an input that it needs first, such as its cell or a camera_info."""
 
     code = 'NOT_READY'
 
 
 class NoStripeError(ScanError):
-    """No picture of a scan shows the laser stripe."""
+    """No image of a scan shows the laser stripe."""
 
     code = 'NO_STRIPE'
 
 
 class LostProfilesError(ScanError):
-    """Profiles that were taken have not come where they are needed."""
+    """Profiles of a scan have not been received by a node that needs them."""
 
     code = 'PROFILES_LOST'
 
 
 class GeometryError(ScanError):
-    """Points do not determine the surface, pose or shape asked for."""
+    """The points do not determine the surface, pose or shape to be computed."""
 
     code = 'DEGENERATE'
 
@@ -80,7 +82,7 @@ class AmbiguousError(GeometryError):
     """
     Several poses fit equally well, and none of them is chosen.
 
-    values : stand beside code and detail in the answer, such as poses
+    values : further keys of a service's answer, such as motions
     """
 
     code = 'AMBIGUOUS'
@@ -115,22 +117,22 @@ class ControllerRefusedError(DeviceError):
 
 
 class StoppedError(DeviceError):
-    """A command ended because somebody stopped the motion."""
+    """A command ended because the motion was stopped."""
 
     code = 'STOPPED'
 
 
 class CameraLostError(DeviceError):
-    """The camera cannot be opened, or gives no pictures any more."""
+    """The camera cannot be opened, or no longer delivers images."""
 
     code = 'CAMERA_LOST'
 
 
 class BusyError(ScanError):
     """
-    A scan is running, and only one can.
+    Another job is running, and only one can run at a time.
 
-    values : stand beside code and detail in the answer, such as scan_id
+    values : further keys of a service's answer, such as scan_id
     """
 
     code = 'BUSY'
@@ -141,39 +143,39 @@ class BusyError(ScanError):
 
 
 class StateError(ScanError):
-    """What was asked for is not possible at this stage of a scan, or without one."""
+    """The request is not possible in the present stage of the scan, or without a scan."""
 
     code = 'WRONG_STATE'
 
 
 class CancelledError(ScanError):
-    """A scan was ended before its time because somebody asked for it."""
+    """A job was cancelled by request."""
 
     code = 'CANCELLED'
 
 
 class TimeoutExceededError(ScanError):
-    """Something did not happen before its deadline."""
+    """An expected event did not occur before its deadline."""
 
     code = 'TIMEOUT'
 
 
 class CatalogueError(FileError):
-    """The catalogue of scans cannot be read or written, or does not know a scan."""
+    """The catalogue of scans cannot be read or written, or has no such scan."""
 
     code = 'BAD_CATALOGUE'
 
 
 class CatalogueBusyError(CatalogueError):
-    """Somebody else holds the catalogue; what failed can be tried again."""
+    """Another process holds a lock on the catalogue; the operation can be tried again."""
 
 
 class HelperError(ScanError):
     """
-    A part of the cell is missing, silent, or answered that it could not do its work.
+    Another node of the cell is missing, does not answer, or reported an error.
 
-    code : of the part that knows best what went wrong, such as CAMERA_LOST
-    values : stand beside code and detail in the answer
+    code : that the other node reported, such as CAMERA_LOST
+    values : further keys of a service's answer
     """
 
     code = 'HELPER'

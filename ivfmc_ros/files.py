@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Files that appear whole or not at all."""
+"""Atomic writing of files and folders: complete under their name, or absent."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,17 +18,17 @@ def _read_umask() -> int:
     return umask
 
 
-# Read once: the system only tells it to who sets it, and another thread must not fall in between.
+# Read once at import: the umask can only be read by setting it, which is not thread-safe.
 _UMASK = _read_umask()
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
+def atomic_file(path: Path) -> Iterator[Path]:
     """
-    Give a temporary path beside ``path`` to write to; it becomes ``path`` when the block ends.
+    Yield a temporary path beside ``path``, which is renamed to ``path`` when the block ends.
 
-    If the block raises, the temporary file goes and ``path`` is what it was. The suffix is kept,
-    because writers such as OpenCV's choose the format by it.
+    If the block raises, the temporary file is removed and ``path`` is unchanged. The suffix is
+    kept, because writers such as OpenCV's choose the format by it.
 
     :raises FileError: the folder does not exist or cannot be written
     """
@@ -42,9 +42,9 @@ def whole_file(path: Path) -> Iterator[Path]:
     temporary = Path(name)
     try:
         yield temporary
-        # mkstemp gives 0600; a result must be as readable as any other new file
+        # mkstemp creates with mode 0600; results get the mode of any other new file
         temporary.chmod(0o666 & ~_UMASK)
-        _flush(temporary)
+        _fsync(temporary)
         temporary.replace(path)
     except OSError as error:
         raise FileError(f'{path}: cannot be written: {error.strerror or error}') from error
@@ -53,7 +53,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def require_new_folder(path: Path) -> None:
-    """:raises FileError: ``path`` exists and is not an empty folder, or cannot be looked at."""
+    """:raises FileError: ``path`` exists and is not an empty folder, or cannot be read."""
     try:
         taken = path.exists() and not (path.is_dir() and not any(path.iterdir()))
     except OSError as error:
@@ -63,11 +63,11 @@ def require_new_folder(path: Path) -> None:
 
 
 @contextmanager
-def whole_folder(path: Path) -> Iterator[Path]:
+def atomic_folder(path: Path) -> Iterator[Path]:
     """
-    Give a temporary folder beside ``path`` to fill; it becomes ``path`` when the block ends.
+    Yield a temporary folder beside ``path``, which is renamed to ``path`` when the block ends.
 
-    If the block raises, nothing is left. An empty folder at ``path`` is replaced.
+    If the block raises, the temporary folder is removed. An empty folder at ``path`` is replaced.
 
     :raises FileError: ``path`` exists and is not an empty folder, or cannot be written
     """
@@ -87,17 +87,17 @@ def whole_folder(path: Path) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def _flush(path: Path) -> None:
-    """Bring a file to the disk before it gets its name: a power cut must not leave half of it."""
+def _fsync(path: Path) -> None:
+    """Flush a file to the disk before it is renamed; a power cut must not leave half of it."""
     with path.open('rb') as stream:
         os.fsync(stream.fileno())
 
 
 def write_text(path: Path, text: str) -> None:
     """
-    Write ``text`` to ``path``, whole or not at all.
+    Write ``text`` to ``path`` atomically, as UTF-8.
 
     :raises FileError: the file cannot be written
     """
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         temporary.write_text(text, encoding='utf-8')

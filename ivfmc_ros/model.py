@@ -210,7 +210,7 @@ class Mesh:
     sigma : (n,) float64, meters, 1 sigma of the vertex along its measuring direction
     intensity : (n,) float64, DN
     kind : (m,) uint8, MEASURED, BRIDGED, BASE or FILLED; None if all faces were measured
-    flying : number of dropped connected components, small ones far from the rest
+    isolated_components : number of dropped connected components, small ones far from the rest
     :raises ValueError: arrays of different length
     """
 
@@ -220,7 +220,7 @@ class Mesh:
     sigma: Floats
     intensity: Floats
     kind: Kinds | None = None
-    flying: int = 0
+    isolated_components: int = 0
 
     def __post_init__(self) -> None:
         count = len(self.vertices_xyz)

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Picture files: which ones a folder holds, and decoding that refuses a damaged one."""
+"""Picture files: listing of a folder, and decoding that refuses truncated files."""
 
 from pathlib import Path
 import re
@@ -20,14 +20,14 @@ _JPEG_SCAN = 0xDA
 _PNG_START = b'\x89PNG\r\n\x1a\n'
 _PNG_END = b'IEND\xaeB`\x82'
 
-# Pixels as the sensor gave them: a camera that writes an orientation into its files has been
-# calibrated without anybody turning its pictures.
-_AS_TAKEN = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+# Pixels in the order of the sensor: an EXIF orientation must not rotate a picture, because the
+# calibration holds for the sensor.
+_DECODE_FLAGS = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 
 
 def natural_key(name: str) -> list[tuple[int, str]]:
-    """Return a sorting key that puts step2 before step10."""
-    # captured digits stand at the odd places of the split
+    """Return a key for natural sorting, which orders step2 before step10."""
+    # re.split returns the captured digits at odd indices
     parts = re.split(r'([0-9]+)', name)
     return [(int(part), '') if odd % 2 else (-1, part) for odd, part in enumerate(parts)]
 
@@ -67,8 +67,8 @@ def read_picture(path: Path) -> Image:
     """
     Read a picture file.
 
-    returns : (height, width) mono or (height, width, 3) BGR, uint8 or uint16, not turned by EXIF
-    :raises FileError: the file cannot be read, is cut off, or is no picture
+    returns : (height, width) mono or (height, width, 3) BGR, uint8 or uint16, not rotated by EXIF
+    :raises FileError: the file cannot be read, is truncated, or is no picture
     """
     return decode_picture(read_bytes(path), str(path))
 
@@ -77,13 +77,13 @@ def decode_picture(data: bytes, where: str) -> Image:
     """
     Decode the bytes of a picture file; the message of an error begins with ``where``.
 
-    returns : (height, width) mono or (height, width, 3) BGR, uint8 or uint16, not turned by EXIF
-    :raises FileError: the data are cut off or no picture
+    returns : (height, width) mono or (height, width, 3) BGR, uint8 or uint16, not rotated by EXIF
+    :raises FileError: the data are truncated or no picture
     """
-    if _is_cut_off(data):
+    if _is_truncated(data):
         raise FileError(f'{where}: the picture is cut off after {len(data)} bytes; copy it again')
     try:
-        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), _AS_TAKEN)
+        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), _DECODE_FLAGS)
     except cv2.error:
         image = None
     if image is None:
@@ -94,18 +94,18 @@ def decode_picture(data: bytes, where: str) -> Image:
 
 
 def is_jpeg(data: bytes) -> bool:
-    """Tell whether a file begins as a JPEG does."""
+    """Return whether the data begin with the signature of a JPEG file."""
     return data.startswith(_JPEG_START)
 
 
 def is_png(data: bytes) -> bool:
-    """Tell whether a file begins as a PNG does."""
+    """Return whether the data begin with the signature of a PNG file."""
     return data.startswith(_PNG_START)
 
 
-def _is_cut_off(data: bytes) -> bool:
-    # OpenCV 4 fills what a cut JPEG lacks with grey, and the libraries below write of cut files
-    # on stderr: the end is looked for here, before they see the data.
+def _is_truncated(data: bytes) -> bool:
+    # OpenCV 4 fills the missing part of a truncated JPEG with gray, and libjpeg and libpng write
+    # warnings to stderr: the end marker is searched before they get the data
     if is_jpeg(data):
         return data.find(_JPEG_END, _scan_offset(data)) < 0
     if is_png(data):
@@ -114,7 +114,7 @@ def _is_cut_off(data: bytes) -> bool:
 
 
 def _scan_offset(data: bytes) -> int:
-    """Return where a JPEG's pixels begin; a thumbnail before them has an end mark of its own."""
+    """Return the offset of a JPEG's scan; a thumbnail before it has its own end marker."""
     offset = len(_JPEG_START)
     while offset + 4 <= len(data) and data[offset] == 0xFF:
         if data[offset + 1] == _JPEG_SCAN:

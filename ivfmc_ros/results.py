@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The folder that a reconstruction leaves: mesh, point cloud, report images and report."""
+"""Result folder of a reconstruction: mesh, point cloud, report images and report."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -23,7 +23,7 @@ from ivfmc_ros.meshing.io import export
 from ivfmc_ros.model import Floats
 from ivfmc_ros.pipeline import Reconstruction
 from ivfmc_ros.registration.merge.merge import Merged
-from ivfmc_ros.registration.self_calibration.refine import Refined
+from ivfmc_ros.registration.self_calibration.refine import RefinementResult
 from ivfmc_ros.stopwatch import Stopwatch
 from ivfmc_ros.surface import Surface
 
@@ -37,22 +37,22 @@ def write_results(
     nominal: Surface | None = None,
 ) -> Mapping[str, Any]:
     """
-    Write a result folder, whole or not at all, and return its report.
+    Write a result folder atomically, and return its report.
 
-    source : what was reconstructed, for the report
-    skipped : how many pictures of it were not used, by reason
-    nominal : the true surface in ``turntable``, where it is known, to compare with
+    source : name of the scan or bag, for the report
+    skipped : number of pictures that were not used, by reason
+    nominal : true surface in ``turntable`` to compare with, if it is known
     :raises FileError: the folder has files already, or cannot be written
     """
-    points, sigma = cloud(made)
+    points, sigma = merged_cloud(made)
     watch = Stopwatch()
-    with files.whole_folder(folder) as target:
+    with files.atomic_folder(folder) as target:
         with watch.stage('files'):
             _write_meshes(target, made, points, sigma)
         with watch.stage('pictures'):
             overview.write_mesh_sheet(target / 'mesh.png', made.mesh)
             overview.write_cloud_sheet(target / 'cloud.png', points, points[:, 2])
-            # a scan that was rebuilt from its stored points has no pictures
+            # a reconstruction from stored profiles has no pictures
             if made.samples:
                 overview.write_stripe_sheet(target / 'stripes.png', made.samples)
         document: dict[str, Any] = {
@@ -68,27 +68,27 @@ def write_results(
         if made.misfit is not None:
             document['lasers'] = asdict(made.misfit)
         if made.refined is not None:
-            document['refined'] = refinement(made.refined)
+            document['refined'] = refinement_report(made.refined)
             save_cell(target / 'cell.yaml', made.refined.cell)
         if made.merged is not None:
-            document['merge'] = merging(made.merged)
+            document['merge'] = merge_report(made.merged)
         if nominal is not None:
-            document['deviation_m'] = compare(points, made.mesh.vertices_xyz, nominal)
+            document['deviation_m'] = deviation_report(points, made.mesh.vertices_xyz, nominal)
         json_report.write_report(target / 'report.json', document)
         page = scan_page(source, made.mesh, made.views, made.poses, made.samples, document)
         write_html(target / 'report.html', page)
     return document
 
 
-def cloud(made: Reconstruction) -> tuple[Floats, Floats]:
-    """Return the points of all views in ``turntable``, (n, 3) metres, and their (n,) sigma."""
+def merged_cloud(made: Reconstruction) -> tuple[Floats, Floats]:
+    """Return the points of all views in ``turntable``, (n, 3) meters, and their (n,) sigma."""
     posed = zip(made.views, made.poses.turntable_from_view, strict=True)
     points = np.concatenate([transforms.apply(T, view.cloud()) for view, T in posed])
     return points, np.concatenate([view.sigma[view.valid] for view in made.views])
 
 
-def refinement(refined: Refined) -> dict[str, Any]:
-    """Return what the scan told of its cell: unknowns in radians or metres, and the misfit."""
+def refinement_report(refined: RefinementResult) -> dict[str, Any]:
+    """Return the report of a self-calibration: parameters in radians or meters, and the misfit."""
     return {
         'applied': refined.applied,
         'why': refined.why,
@@ -97,17 +97,17 @@ def refinement(refined: Refined) -> dict[str, Any]:
     }
 
 
-def merging(merged: Merged) -> list[dict[str, Any]]:
-    """Return where each scan was placed in the frame of the first, and how sure that is."""
+def merge_report(merged: Merged) -> list[dict[str, Any]]:
+    """Return the pose of each scan in the frame of the first, and how it was determined."""
     placed = zip(merged.placings, merged.first_from_clamping.tolist(), strict=True)
     return [{**asdict(placing), 'first_from_scan': T} for placing, T in placed]
 
 
-def compare(points_xyz: Floats, vertices_xyz: Floats, nominal: Surface) -> dict[str, Any]:
-    """Return the deviation of points and of mesh vertices from the true surface, metres."""
+def deviation_report(points_xyz: Floats, vertices_xyz: Floats, nominal: Surface) -> dict[str, Any]:
+    """Return the deviation of points and mesh vertices from the true surface, meters."""
     return {
-        'points': asdict(deviation.summarise(nominal.signed_distance(points_xyz))),
-        'mesh': asdict(deviation.summarise(nominal.signed_distance(vertices_xyz))),
+        'points': asdict(deviation.summarize(nominal.signed_distance(points_xyz))),
+        'mesh': asdict(deviation.summarize(nominal.signed_distance(vertices_xyz))),
     }
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How long each stage of a job takes."""
+"""Wall-clock time of the stages of a job."""
 
 from collections import defaultdict
 from collections.abc import Iterable
@@ -13,19 +13,19 @@ Item = TypeVar('Item')
 
 
 class Stopwatch:
-    """Adds up wall-clock seconds by the name of the stage."""
+    """Accumulates wall-clock seconds per stage."""
 
     def __init__(self) -> None:
         self._seconds: dict[str, float] = defaultdict(float)
 
     @property
     def seconds(self) -> dict[str, float]:
-        """Seconds of each stage, in the order in which they began."""
+        """Seconds of each stage, in the order of their first start."""
         return dict(self._seconds)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Time the block."""
+        """Add the duration of the block to a stage."""
         self._seconds[name] += 0.0
         start = time.perf_counter()
         try:
@@ -34,7 +34,7 @@ class Stopwatch:
             self._seconds[name] += time.perf_counter() - start
 
     def each(self, name: str, items: Iterable[Item]) -> Iterator[Item]:
-        """Pass on the items and time how long each takes to come."""
+        """Yield the items, and add the time that the iterator takes to a stage."""
         iterator = iter(items)
         while True:
             with self.stage(name):

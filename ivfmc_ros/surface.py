@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Questions to a triangulated surface: what is nearest, what does a ray hit."""
+"""Nearest points, signed distances and ray casting on a triangle mesh (Embree, by Open3D)."""
 
 from dataclasses import dataclass
 
@@ -14,11 +14,12 @@ from ivfmc_ros.model import Ints
 @dataclass(frozen=True, eq=False)
 class Nearest:
     """
-    The point of a surface nearest to each of n points.
+    Nearest point of a surface to each of n query points.
 
-    points_xyz : (n, 3) float64, metres; normals : (n, 3) of the faces they lie on
-    faces : (n,) int64, these faces
-    distance : (n,) float64, metres, not negative
+    points_xyz : (n, 3) float64, meters
+    normals : (n, 3) float64, unit normals of the faces that contain the points
+    faces : (n,) int64, indices of these faces
+    distance : (n,) float64, meters, not negative
     """
 
     points_xyz: Floats
@@ -30,10 +31,10 @@ class Nearest:
 @dataclass(frozen=True, eq=False)
 class Hits:
     """
-    What each of n rays hits first.
+    First intersection of each of n rays with a surface.
 
-    distance : (n,) float64, in lengths of the ray's direction; inf where it hits nothing
-    normals : (n, 3) float64, of the faces that are hit
+    distance : (n,) float64, in lengths of the ray's direction; inf where there is none
+    normals : (n, 3) float64, unit normals of the faces that are hit
     """
 
     distance: Floats
@@ -42,9 +43,9 @@ class Hits:
 
 class Surface:
     """
-    A search structure over triangles (Embree through open3d; single precision inside).
+    A triangle mesh with an index for queries, which are computed in single precision.
 
-    vertices_xyz : (n, 3) metres; faces : (m, 3)
+    vertices_xyz : (n, 3) meters; faces : (m, 3) vertex indices
     """
 
     def __init__(self, vertices_xyz: Floats, faces: Ints) -> None:
@@ -66,13 +67,13 @@ class Surface:
         )
 
     def signed_distance(self, points_xyz: Floats) -> Floats:
-        """Return (n,) metres from a closed surface, negative inside."""
+        """Return (n,) meters, distance of (n, 3) points from a closed surface, negative inside."""
         return np.asarray(
             self._scene.compute_signed_distance(_single(points_xyz)).numpy(), dtype=np.float64
         )
 
     def cast(self, origins: Floats, directions: Floats) -> Hits:
-        """Send rays from (n, 3) origins along (n, 3) directions."""
+        """Cast rays from (n, 3) or (3,) origins along (n, 3) or (3,) directions."""
         rays = np.concatenate(np.broadcast_arrays(origins, directions), axis=1)
         found = self._scene.cast_rays(_single(rays))
         return Hits(

@@ -1,11 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A process that does one long job after the other, and can be killed.
+A child process that runs one long job after the other, and can be killed.
 
-Much of what takes long holds the interpreter's lock; in the process of a node it would stop the
-heartbeat. ``python -m ivfmc_ros.worker FD`` takes (function, arguments) from an inherited socket
-and gives back (True, result) or (False, exception).
+Many long calls of Open3D hold the global interpreter lock; in the process of a node they would
+stop its heartbeat. ``python -m ivfmc_ros.worker FD`` receives (function, arguments) on an
+inherited socket and sends (True, result) or (False, exception).
 """
 
 import ctypes
@@ -22,36 +22,40 @@ from typing import Protocol
 from ivfmc_ros.errors import CancelledError
 from ivfmc_ros.errors import ScanError
 
+# Option of Linux' prctl(2): the signal that the process gets when its parent dies.
 _PR_SET_PDEATHSIG = 1
+# The worker's nice value; nodes with deadlines come first.
+_NICE = 5
 
 
 class Job(Protocol):
-    """A function of a module, so that the worker can import it."""
+    """A module-level function, which the worker can import."""
 
     def __call__(self, *arguments: Any) -> Any:
-        """Do the work."""
+        """Run the job."""
 
 
 class Worker:
     """
-    The parent's end. Jobs are done in the order in which they are given.
+    The parent's side of a worker process. Jobs run in the order in which they are submitted.
 
-    The process is started at once, because it takes a second to load what the jobs need.
+    The process is started at once, because it takes a second to import what the jobs need.
     """
 
     def __init__(self) -> None:
-        self._turn = threading.Lock()
+        self._lock = threading.Lock()
         self._killed = False
         self._start()
 
     def run(self, job: Job, *arguments: Any) -> Any:
         """
-        Do a job and wait for its result; for a thread that has nothing else to do.
+        Run a job and block until its result is there.
 
+        job : a module-level function; arguments and result must be picklable
         :raises CancelledError: ``kill`` was called
-        :raises ScanError: what the job raised, or the worker died
+        :raises ScanError: the job raised an exception, or the worker died
         """
-        with self._turn:
+        with self._lock:
             if self._killed or self._process.poll() is not None:
                 self._restart()
             connection = self._connection
@@ -68,12 +72,12 @@ class Worker:
         return result
 
     def kill(self) -> None:
-        """End the job that is being done; the next one gets a new process."""
+        """Kill the process and its current job; the next job starts a new process."""
         self._killed = True
         self._process.kill()
 
     def close(self) -> None:
-        """End the process."""
+        """Kill the process and release its socket."""
         self.kill()
         self._process.wait()
         self._connection.close()
@@ -95,7 +99,7 @@ class Worker:
 
 
 def serve(connection: 'Connection[Any, Any]') -> None:
-    """Do jobs until nobody is there to give one."""
+    """Run jobs until the parent closes the connection."""
     while True:
         try:
             job, arguments = connection.recv()
@@ -104,28 +108,28 @@ def serve(connection: 'Connection[Any, Any]') -> None:
         try:
             answer = True, job(*arguments)
         except Exception as error:
-            answer = False, _portable(error)
+            answer = False, _picklable(error)
         try:
             connection.send(answer)
         except OSError:
             return
 
 
-def _portable(error: Exception) -> Exception:
-    """Return an exception that survives the way to the parent."""
+def _picklable(error: Exception) -> Exception:
+    """Return an exception that the parent can unpickle."""
     if isinstance(error, ScanError):
         return error
     return ScanError(f'{type(error).__name__}: {error}')
 
 
 def main() -> None:
-    """Run the worker's end."""
-    # Ctrl-C goes to the whole group; the node decides when its worker ends
+    """Run the worker process."""
+    # Ctrl-C signals the whole process group; the node decides when its worker ends
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform == 'linux':
-        # a node that is killed leaves nothing behind
+        # the worker of a node that was killed must not live on
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    os.nice(5)
+    os.nice(_NICE)
     serve(Connection(int(sys.argv[1])))
 
 

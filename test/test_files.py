@@ -13,7 +13,7 @@ def listing(folder):
 
 
 def test_file_appears_when_the_block_ends(tmp_path):
-    with files.whole_file(tmp_path / 'a.png') as temporary:
+    with files.atomic_file(tmp_path / 'a.png') as temporary:
         temporary.write_bytes(b'whole')
         assert not (tmp_path / 'a.png').exists()
         assert temporary.suffix == '.png'
@@ -29,7 +29,7 @@ def test_text_is_utf8(tmp_path):
 
 def test_nothing_is_left_of_a_block_that_raises(tmp_path):
     (tmp_path / 'a.txt').write_text('before')
-    with pytest.raises(KeyError), files.whole_file(tmp_path / 'a.txt') as temporary:
+    with pytest.raises(KeyError), files.atomic_file(tmp_path / 'a.txt') as temporary:
         temporary.write_text('half')
         raise KeyError
     assert (tmp_path / 'a.txt').read_text() == 'before'
@@ -38,7 +38,7 @@ def test_nothing_is_left_of_a_block_that_raises(tmp_path):
 
 def test_full_disk_is_named_and_leaves_nothing(tmp_path):
     def fill(path):
-        with files.whole_file(path) as temporary:
+        with files.atomic_file(path) as temporary:
             temporary.write_text('half')
             Path('/dev/full').write_text('x')  # raises ENOSPC
 
@@ -80,14 +80,14 @@ def test_folder_that_takes_no_files_is_refused():
 def test_error_without_a_number_is_told(tmp_path):
     with (
         pytest.raises(FileError, match=r'a\.txt: cannot be written: the encoder failed'),
-        files.whole_file(tmp_path / 'a.txt'),
+        files.atomic_file(tmp_path / 'a.txt'),
     ):
         raise OSError('the encoder failed')
 
 
 def test_own_error_of_the_block_is_passed_on(tmp_path):
     def fail():
-        with files.whole_file(tmp_path / 'a.txt'):
+        with files.atomic_file(tmp_path / 'a.txt'):
             raise FileError('b.txt: cannot be read')
 
     with pytest.raises(FileError, match=r'^b\.txt: cannot be read$'):
@@ -95,7 +95,7 @@ def test_own_error_of_the_block_is_passed_on(tmp_path):
 
 
 def test_folder_appears_whole(tmp_path):
-    with files.whole_folder(tmp_path / 'made' / 'out') as temporary:
+    with files.atomic_folder(tmp_path / 'made' / 'out') as temporary:
         (temporary / 'a.txt').write_text('x')
         assert not (tmp_path / 'made' / 'out').exists()
     assert listing(tmp_path / 'made' / 'out') == ['a.txt']
@@ -103,7 +103,7 @@ def test_folder_appears_whole(tmp_path):
 
 
 def test_nothing_is_left_of_a_folder_whose_block_raises(tmp_path):
-    with pytest.raises(KeyError), files.whole_folder(tmp_path / 'out') as temporary:
+    with pytest.raises(KeyError), files.atomic_folder(tmp_path / 'out') as temporary:
         (temporary / 'a.txt').write_text('x')
         raise KeyError
     assert listing(tmp_path) == []
@@ -111,7 +111,7 @@ def test_nothing_is_left_of_a_folder_whose_block_raises(tmp_path):
 
 def test_empty_folder_is_filled(tmp_path):
     (tmp_path / 'out').mkdir()
-    with files.whole_folder(tmp_path / 'out') as temporary:
+    with files.atomic_folder(tmp_path / 'out') as temporary:
         (temporary / 'a.txt').write_text('x')
     assert listing(tmp_path / 'out') == ['a.txt']
 
@@ -122,7 +122,7 @@ def test_folder_that_holds_something_is_refused(tmp_path, taken):
     (tmp_path / taken).write_text('mine')
     with (
         pytest.raises(FileError, match='out: exists already'),
-        files.whole_folder(tmp_path / 'out'),
+        files.atomic_folder(tmp_path / 'out'),
     ):
         pytest.fail('it must not come to this')
     assert (tmp_path / taken).read_text() == 'mine'

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of what a calibration found: look at them before you trust a number."""
+"""Figures of a calibration result (matplotlib): residuals, coverage, stripe, axis, table steps."""
 
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from ivfmc_ros import files
 from ivfmc_ros.calibration.camera.calibrate import CameraCalibration
 from ivfmc_ros.calibration.laser.calibrate import LaserCalibration
 from ivfmc_ros.calibration.laser.calibrate import LaserView
-from ivfmc_ros.calibration.turntable.calibrate import steps_of
+from ivfmc_ros.calibration.turntable.calibrate import angle_steps
 from ivfmc_ros.calibration.turntable.calibrate import TurntableCalibration
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.camera import Camera
@@ -20,102 +20,108 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.pictures import read_picture
 
 _RED, _GREEN, _BLUE = '#d62728', '#2ca02c', '#1f77b4'
-_ARROWS = 12  # cells across the picture that get an arrow
+# Grid cells across the picture, one arrow of the mean residual in each.
+_ARROW_COLUMNS = 12
+_ARROW_SCALE = 300  # pixels drawn for a mean residual of one pixel
+_MIN_CORNERS_PER_ARROW = 10  # fewer corners give no stable mean
 
 
-def draw_camera(path: Path, made: CameraCalibration) -> None:
+def draw_camera(path: Path, result: CameraCalibration) -> None:
     """
-    Draw residuals, their mean over the picture, and the rms of every view.
+    Write a figure of residuals, their mean over the picture, and the rms of every view.
 
-    :raises FileError: it cannot be written
+    :raises FileError: the file cannot be written
     """
     figure = _figure(16, 5.2)
     spots, places, bars = figure.subplots(1, 3, width_ratios=(1, 1.4, 1.2))
-    residuals = np.concatenate(made.residuals)
-    uv = np.concatenate([view.corners.uv for view in made.used])
+    residuals = np.concatenate(result.residuals)
+    uv = np.concatenate([view.corners.uv for view in result.used])
     spots.scatter(*residuals.T, s=2, alpha=0.3, color=_BLUE, linewidths=0)
-    reach = max(3.5 * made.rms, 1e-3)
-    spots.set(xlim=(-reach, reach), ylim=(reach, -reach), aspect='equal')
-    spots.set(xlabel='u error, px', ylabel='v error, px', title=f'rms {made.rms:.3f} px')
+    limit = max(3.5 * result.rms, 1e-3)
+    spots.set(xlim=(-limit, limit), ylim=(limit, -limit), aspect='equal')
+    spots.set(xlabel='u error, px', ylabel='v error, px', title=f'rms {result.rms:.3f} px')
     spots.grid(alpha=0.3)
-    _draw_means(places, made.camera, uv, residuals)
-    places.set_title(f'corners, and their mean errors x 300; {made.coverage:.0%} covered')
-    bars.bar(range(len(made.used)), made.view_rms, color=_BLUE, width=1.0)
-    bars.axhline(made.rms, color=_RED, linewidth=1)
+    _draw_means(places, result.camera, uv, residuals)
+    places.set_title(f'corners, mean errors x {_ARROW_SCALE}; {result.coverage:.0%} covered')
+    bars.bar(range(len(result.used)), result.view_rms, color=_BLUE, width=1.0)
+    bars.axhline(result.rms, color=_RED, linewidth=1)
     bars.set(xlabel='view', ylabel='rms, px')
-    bars.set_title(f'{len(made.used)} views used, {len(made.dropped)} dropped')
+    bars.set_title(f'{len(result.used)} views used, {len(result.dropped)} dropped')
     _save(figure, path)
 
 
-def draw_laser(path: Path, made: LaserCalibration) -> None:
+def draw_laser(path: Path, result: LaserCalibration) -> None:
     """
-    Draw the stripe on two boards, the residuals over the plane and those of every view.
+    Write a figure of the stripe on two boards, and of the residuals by place and by view.
 
-    :raises FileError: it cannot be written
+    :raises FileError: the file cannot be written
     """
     figure = _figure(16, 10)
     (near, far), (plane, views) = figure.subplots(2, 2)
-    used = sorted(made.used, key=lambda view: float(view.placed.pose[5]))
-    limit = 3e3 * made.laser.residual_rms
+    used = sorted(result.used, key=lambda view: float(view.board_pose.pose[5]))
+    limit = 3e3 * result.laser.residual_rms
     _draw_stripe(near, used[0], limit)
     _draw_stripe(far, used[3 * len(used) // 4], limit)
-    points = np.concatenate([view.points.points_xyz[view.kept] for view in used])
-    residuals = 1e3 * np.concatenate([view.residuals[view.kept] for view in used])
+    points = np.concatenate([view.points.points_xyz[view.inlier_mask] for view in used])
+    residuals = 1e3 * np.concatenate([view.residuals[view.inlier_mask] for view in used])
     axes = _plane_axes(points)
     s, t = ((points - points.mean(axis=0)) @ axes.T).T * 1e3
     dots = plane.scatter(s, t, c=residuals, s=3, cmap='coolwarm', vmin=-limit, vmax=limit)
-    figure.colorbar(dots, ax=plane, label='distance from the sheet, mm')
-    plane.set(xlabel='along the sheet, mm', ylabel='across, mm', aspect='equal')
-    plane.set_title(f'{made.laser.name}: rms {made.laser.residual_rms * 1e3:.3f} mm')
+    figure.colorbar(dots, ax=plane, label='distance from the laser plane, mm')
+    plane.set(xlabel='first axis in the plane, mm', ylabel='second axis, mm', aspect='equal')
+    plane.set_title(f'{result.laser.name}: rms {result.laser.residual_rms * 1e3:.3f} mm')
     _draw_views(views, used)
     views.set_title(
-        f'{len(used)} views used, {len(made.dropped)} dropped, {made.kept_share:.0%} of points'
+        f'{len(used)} views used, {len(result.dropped)} dropped; '
+        f'{result.inlier_fraction:.0%} of the points'
     )
     _save(figure, path)
 
 
-def draw_turntable(path: Path, made: TurntableCalibration, camera: Camera) -> None:
+def draw_turntable(path: Path, result: TurntableCalibration, camera: Camera) -> None:
     """
-    Draw axis, platter and corners into a picture, and the steps of the table.
+    Write a figure of axis, platter and corners in a picture, and of the steps of the table.
 
-    :raises FileError: it cannot be written
+    :raises FileError: the file cannot be written
     """
     figure = _figure(16, 7)
     scene, steps = figure.subplots(1, 2, width_ratios=(1.6, 1))
-    stripes = made.stripes
-    source = made.views.pictures[0] if stripes is None else stripes.pictures[0]
-    scene.imshow(_shown(source))
-    _draw_table(scene, made, camera)
-    if source in made.views.pictures:
-        _draw_corners(scene, made, camera, made.views.pictures.index(source))
+    stripes = result.stripes
+    source = result.views.pictures[0] if stripes is None else stripes.pictures[0]
+    scene.imshow(_read_rgb(source))
+    _draw_table(scene, result, camera)
+    if source in result.views.pictures:
+        _draw_corners(scene, result, camera, result.views.pictures.index(source))
     if stripes is not None:
         scene.plot(*stripes.uv[stripes.picture == 0].T, '.', color='yellow', markersize=2)
-    scene.set_title(f'{source.name}: axis, platter at the outermost corner; cross: expected')
+    scene.set_title(
+        f'{source.name}: axis, circle through the outermost corner; cross: projected corner'
+    )
     scene.axis('off')
-    degrees = np.degrees(steps_of(list(made.angles.values())))
+    degrees = np.degrees(angle_steps(list(result.angles.values())))
     steps.bar(range(1, 1 + len(degrees)), degrees, color=_BLUE, width=0.9)
-    steps.set(xlabel='picture', ylabel='turn since the picture before, degrees')
-    steps.set_title(f'residual {made.adjusted.sigma:.2f} px; {_platter_text(made)}')
+    steps.set(xlabel='picture', ylabel='turn since the previous picture, degrees')
+    steps.set_title(f'residual {result.adjusted.sigma:.2f} px; {_platter_text(result)}')
     _save(figure, path)
 
 
-def _platter_text(made: TurntableCalibration) -> str:
-    if made.platter_rms is None:
+def _platter_text(result: TurntableCalibration) -> str:
+    if result.platter_rms is None:
         return 'no stripe on the platter'
-    return f'stripe on the platter {made.platter_rms * 1e3:.2f} mm rms'
+    return f'stripe on the platter {result.platter_rms * 1e3:.2f} mm rms'
 
 
 def _draw_means(axes: Any, camera: Camera, uv: Floats, residuals: Floats) -> None:
     axes.plot(*uv.T, '.', color='0.75', markersize=1)
-    size = camera.width / _ARROWS
+    size = camera.width / _ARROW_COLUMNS
     cell = np.floor(uv / size).astype(int)
     for key in np.unique(cell, axis=0):
         inside = (cell == key).all(axis=1)
-        if inside.sum() >= 10:
+        if inside.sum() >= _MIN_CORNERS_PER_ARROW:
             middle, mean = uv[inside].mean(axis=0), residuals[inside].mean(axis=0)
             axes.annotate(
                 '',
-                xy=middle + 300 * mean,
+                xy=middle + _ARROW_SCALE * mean,
                 xytext=middle,
                 arrowprops={'arrowstyle': '->', 'color': _RED},
             )
@@ -123,60 +129,60 @@ def _draw_means(axes: Any, camera: Camera, uv: Floats, residuals: Floats) -> Non
 
 
 def _draw_stripe(axes: Any, view: LaserView, limit: float) -> None:
-    axes.imshow(_shown(view.view.path))
-    uv, kept = view.stripe.uv, view.kept
+    axes.imshow(_read_rgb(view.view.path))
+    uv, kept = view.stripe.uv, view.inlier_mask
     axes.plot(*uv[~kept].T, 'x', color='yellow', markersize=3)
     axes.scatter(
         *uv[kept].T, c=1e3 * view.residuals[kept], s=4, cmap='coolwarm', vmin=-limit, vmax=limit
     )
     axes.plot(*view.view.corners.uv.T, '+', color=_GREEN, markersize=6)
     rms = 1e3 * float(np.sqrt(np.mean(view.residuals[kept] ** 2)))
-    axes.set_title(f'{view.view.name}, {view.placed.pose[5]:.2f} m: {rms:.2f} mm rms')
+    axes.set_title(f'{view.view.name}, {view.board_pose.pose[5]:.2f} m: {rms:.2f} mm rms')
     axes.axis('off')
 
 
 def _draw_views(axes: Any, used: list[LaserView]) -> None:
     for view in used:
-        residuals = 1e3 * view.residuals[view.kept]
+        residuals = 1e3 * view.residuals[view.inlier_mask]
         low, middle, high = np.percentile(residuals, [16, 50, 84])
         depth = float(view.points.points_xyz[:, 2].mean())
         axes.plot([depth, depth], [low, high], color=_BLUE, linewidth=1)
         axes.plot(depth, middle, 'o', color=_BLUE, markersize=3)
     axes.axhline(0, color='0.5', linewidth=1)
     axes.grid(alpha=0.3)
-    axes.set(xlabel='distance from the camera, m', ylabel='distance from the sheet, mm')
+    axes.set(xlabel='distance from the camera, m', ylabel='distance from the laser plane, mm')
 
 
 def _plane_axes(points: Floats) -> Floats:
-    centred = points - points.mean(axis=0)
-    return np.asarray(np.linalg.svd(centred, full_matrices=False)[2][:2])
+    centered = points - points.mean(axis=0)
+    return np.asarray(np.linalg.svd(centered, full_matrices=False)[2][:2])
 
 
-def _draw_table(axes: Any, made: TurntableCalibration, camera: Camera) -> None:
-    T = made.turntable.camera_from_base
-    corners = made.adjusted.axis.platter_points(made.views.sightings)
+def _draw_table(axes: Any, result: TurntableCalibration, camera: Camera) -> None:
+    T = result.turntable.camera_from_base
+    corners = result.adjusted.axis.corners_in_platter(result.views.observations)
     radius = float(np.linalg.norm(corners[:, :2], axis=1).max())
     turn = np.linspace(0, 2 * np.pi, 181)
     rim = radius * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
     axes.plot(*camera.project(transforms.apply(T, rim)).T, color=_GREEN, linewidth=1.5)
-    for end, colour, name in (
+    for end, color, name in (
         ((0, 0, 1.2 * radius), _BLUE, 'z'),
         ((0.6 * radius, 0, 0), _RED, 'x'),
         ((0, 0.6 * radius, 0), _GREEN, 'y'),
     ):
         line = camera.project(transforms.apply(T, np.array([(0.0, 0.0, 0.0), end])))
-        axes.plot(*line.T, color=colour, linewidth=2)
-        axes.annotate(name, line[1], color=colour, fontsize=14)
+        axes.plot(*line.T, color=color, linewidth=2)
+        axes.annotate(name, line[1], color=color, fontsize=14)
 
 
-def _draw_corners(axes: Any, made: TurntableCalibration, camera: Camera, picture: int) -> None:
-    here = made.views.sightings.picture == picture
-    axes.plot(*made.views.pixels[here].T, 'o', color='cyan', markersize=6, fillstyle='none')
-    expected = made.adjusted.axis.camera_points(made.views.sightings)[here]
+def _draw_corners(axes: Any, result: TurntableCalibration, camera: Camera, picture: int) -> None:
+    here = result.views.observations.picture == picture
+    axes.plot(*result.views.pixels[here].T, 'o', color='cyan', markersize=6, fillstyle='none')
+    expected = result.adjusted.axis.corners_in_camera(result.views.observations)[here]
     axes.plot(*camera.project(expected).T, '+', color=_RED, markersize=6)
 
 
-def _shown(path: Path) -> Any:
+def _read_rgb(path: Path) -> Any:
     image = read_picture(path)
     if image.dtype == np.uint16:
         image = (image >> 8).astype(np.uint8)
@@ -185,12 +191,12 @@ def _shown(path: Path) -> Any:
 
 
 def _figure(width: float, height: float) -> Any:
-    # imported here: it takes half a second, and not every command draws
+    # imported here: the import takes 0.5 s, and not every command draws
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), dpi=90, layout='constrained')
 
 
 def _save(figure: Any, path: Path) -> None:
-    with files.whole_file(path) as temporary:
+    with files.atomic_file(path) as temporary:
         figure.savefig(temporary)

@@ -1,13 +1,14 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""``ivfmc inspect``: a mesh against its nominal."""
+"""``ivfmc inspect``: compares a mesh with its CAD model and judges it by ISO 14253-1."""
 
 from pathlib import Path
+import sys
 from typing import Any
 
 import click
 import numpy as np
-from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 import yaml
 
@@ -15,15 +16,19 @@ from ivfmc_ros import files
 from ivfmc_ros.cell.camera_file import load_camera
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.cell_file import load_draft
+from ivfmc_ros.cli.support.output import console
+from ivfmc_ros.cli.support.output import json_option
+from ivfmc_ros.cli.support.output import print_json
+from ivfmc_ros.cli.support.quantities import length
 from ivfmc_ros.errors import FileError
+from ivfmc_ros.inspection.alignment import align_datums
 from ivfmc_ros.inspection.alignment import Alignment
-from ivfmc_ros.inspection.alignment import from_datums
 from ivfmc_ros.inspection.alignment import METHODS
 from ivfmc_ros.inspection.inspect import inspect as run
 from ivfmc_ros.inspection.inspect import Inspection
-from ivfmc_ros.inspection.nominal import read_body
-from ivfmc_ros.inspection.nominal import require_alike
-from ivfmc_ros.inspection.nominal import require_closed
+from ivfmc_ros.inspection.mesh_file import read_mesh
+from ivfmc_ros.inspection.mesh_file import require_closed
+from ivfmc_ros.inspection.mesh_file import require_similar_size
 from ivfmc_ros.inspection.reports.html import Page
 from ivfmc_ros.inspection.reports.html import write_html
 from ivfmc_ros.inspection.reports.json_report import write_report
@@ -33,7 +38,8 @@ from ivfmc_ros.inspection.uncertainty import Conditions
 from ivfmc_ros.meshing.io.export import UNITS
 
 _MM = 1e-3
-_COLOURS = {'pass': 'green', 'fail': 'bold red', 'not decided': 'yellow'}
+_COLORS = {'pass': 'green', 'fail': 'bold red', 'not decided': 'yellow'}
+_EXIT_CODES = {'pass': 0, 'fail': 3, 'not decided': 4}
 
 
 @click.command()
@@ -56,10 +62,9 @@ _COLOURS = {'pass': 'green', 'fail': 'bold red', 'not decided': 'yellow'}
 )
 @click.option(
     '--tolerance',
-    type=float,
-    default=0.1,
+    type=length(1e-9, 1.0),
+    default='0.1mm',
     show_default=True,
-    metavar='MM',
     help='Largest deviation allowed to either side.',
 )
 @click.option(
@@ -67,7 +72,7 @@ _COLOURS = {'pass': 'green', 'fail': 'bold red', 'not decided': 'yellow'}
     type=click.Choice(METHODS),
     default='best_fit',
     show_default=True,
-    help='How the mesh is laid onto the nominal; global finds the pose from anywhere.',
+    help='How the mesh is aligned to the nominal; global needs no first guess.',
 )
 @click.option(
     '--datum',
@@ -78,7 +83,7 @@ _COLOURS = {'pass': 'green', 'fail': 'bold red', 'not decided': 'yellow'}
     '--cell',
     'cell_path',
     type=click.Path(path_type=Path),
-    help='cell.yaml that measured MESH: its covariances count as uncertainty.',
+    help='cell.yaml with which MESH was measured: its covariances count as uncertainty.',
 )
 @click.option(
     '--camera',
@@ -120,22 +125,33 @@ _COLOURS = {'pass': 'green', 'fail': 'bold red', 'not decided': 'yellow'}
 )
 @click.option('-o', '--output', type=click.Path(path_type=Path), required=True,
               help='Folder to make; must not exist yet.')  # fmt: skip
-def inspect(mesh: Path, nominal: Path, output: Path, **options: Any) -> None:
+@click.option(
+    '--exit-code', is_flag=True, help='Exit with 0 for pass, 3 for fail, 4 for not decided.'
+)
+@json_option
+def inspect(
+    mesh: Path, nominal: Path, output: Path, exit_code: bool, as_json: bool, **options: Any
+) -> None:
     """Compare MESH with its CAD model: deviations, sizes, and a verdict by ISO 14253-1."""
     settings = _settings(options)
     files.require_new_folder(output)
     cell = _cell(options['cell_path'], options['camera_path'])
-    measured = read_body(mesh, options['unit'])
-    wanted = read_body(nominal, options['nominal_unit'])
-    require_alike(measured, wanted, nominal, options['nominal_unit'])
+    measured = read_mesh(mesh, options['unit'])
+    wanted = read_mesh(nominal, options['nominal_unit'])
+    require_similar_size(measured, wanted, nominal, options['nominal_unit'])
     require_closed(wanted, nominal)
     alignment = _datum(options['datum']) if options['align'] == 'datum' else None
     found = run(measured, wanted, settings, cell, alignment)
     figures = {'mesh': str(mesh), 'nominal': str(nominal), **document(found, settings)}
-    with files.whole_folder(output) as folder:
+    with files.atomic_folder(output) as folder:
         write_report(folder / 'report.json', figures)
         write_html(folder / 'report.html', _page(found, settings, figures, mesh, nominal))
-    _say(found, figures, output)
+    if as_json:
+        print_json(figures)
+    else:
+        _print(found, figures, output)
+    if exit_code:
+        sys.exit(_EXIT_CODES[figures['verdict']])
 
 
 def _page(
@@ -157,7 +173,7 @@ def _page(
 
 def _settings(options: dict[str, Any]) -> InspectSettings:
     return InspectSettings(
-        tolerance=options['tolerance'] * _MM,
+        tolerance=options['tolerance'],
         align=options['align'],
         conditions=Conditions(
             scale_u=options['scale_u'],
@@ -188,37 +204,35 @@ def _datum(path: Path | None) -> Alignment:
         ) from error
     if any(p.ndim != 2 or p.shape[1] != 3 for p in points):
         raise FileError(f"{path}: 'measured' and 'nominal' must be lists of x, y, z in mm")
-    return from_datums(points[0] * _MM, points[1] * _MM)
+    return align_datums(points[0] * _MM, points[1] * _MM)
 
 
-def _say(found: Inspection, figures: dict[str, Any], output: Path) -> None:
-    console = Console()
+def _print(found: Inspection, figures: dict[str, Any], output: Path) -> None:
+    stdout = console(markup=True)
     table = Table(title='surface, mm', title_justify='left')
     for column in ('region', 'rms', '95 %', 'max', 'within', 'u', 'verdict'):
         table.add_column(column, justify='left' if column in {'region', 'verdict'} else 'right')
     for row in figures['surface']:
         values = [f'{row[key] * 1e3:.4f}' for key in ('rms_m', 'p95_m', 'worst_m')]
         share = f'{100.0 * row["within"]:.2f} %'
-        table.add_row(row['name'], *values, share, f'{row["u_m"] * 1e3:.4f}', _told(row))
-    console.print(table)
+        table.add_row(row['name'], *values, share, f'{row["u_m"] * 1e3:.4f}', _colored(row))
+    stdout.print(table)
     table = Table(title='features, mm', title_justify='left')
     for column in ('feature', 'diameter', 'nominal', 'form', 'u', 'verdict'):
         table.add_column(column, justify='left' if column in {'feature', 'verdict'} else 'right')
     for row in figures['features']:
         keys = ('diameter_m', 'nominal_m', 'form_m', 'u_m')
         values = [f'{row[key] * 1e3:.4f}' if np.isfinite(row[key]) else '' for key in keys]
-        table.add_row(row['name'], *values, _told(row))
-    console.print(table)
+        table.add_row(row['name'], *values, _colored(row))
+    stdout.print(table)
     if found.unseen:
-        console.print(f'not measured, not judged: {", ".join(found.unseen)}')
+        stdout.print(f'not measured, not judged: {", ".join(found.unseen)}')
     if not found.calibrated:
-        console.print(
-            'no covariance of the calibration is known: the uncertainty is of noise only'
-        )
-    console.print(f'verdict: {_told(figures)}')
+        stdout.print('no covariance of the calibration is known: the uncertainty is of noise only')
+    stdout.print(f'verdict: {_colored(figures)}')
     for name in ('report.html', 'report.json'):
-        console.print(str(output / name), soft_wrap=True, highlight=False)
+        stdout.print(escape(str(output / name)), soft_wrap=True)
 
 
-def _told(row: dict[str, Any]) -> str:
-    return f'[{_COLOURS[row["verdict"]]}]{row["verdict"]}[/]'
+def _colored(row: dict[str, Any]) -> str:
+    return f'[{_COLORS[row["verdict"]]}]{row["verdict"]}[/]'

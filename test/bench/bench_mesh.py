@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""From pictures to a mesh: rendered pictures against the CAD, real ones against a box."""
+"""Bench from images to a mesh: rendered images against CAD, a real scan against a box."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,7 +8,7 @@ import tempfile
 import time
 
 import numpy as np
-from support.box import fit_box
+from support.box_fit import fit_box
 from support.real_scan import measured_scan
 from support.real_scan import run_readme_sequence
 import trimesh
@@ -20,21 +20,21 @@ from bench import mesh_soundness
 from bench import Number
 from ivfmc_ros.cell.volume import Volume
 from ivfmc_ros.inspection.deviation import Deviation
-from ivfmc_ros.inspection.deviation import summarise
+from ivfmc_ros.inspection.deviation import summarize
 from ivfmc_ros.pipeline import reconstruct
 from ivfmc_ros.pipeline import Settings
-from ivfmc_ros.results import cloud
+from ivfmc_ros.results import merged_cloud
 from ivfmc_ros.simulation.bench import bench_cell
 from ivfmc_ros.simulation.parts.solids import demo_part
 from ivfmc_ros.simulation.render.optics import Optics
 from ivfmc_ros.simulation.render.renderer import simulate_scan
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 from ivfmc_ros.stripe.extract import ExtractSettings
-from ivfmc_ros.stripe.noise import Noise
+from ivfmc_ros.stripe.noise import SensorNoise
 from ivfmc_ros.surface import Surface
 
 STEPS = 400
-# the platter is in the pictures too
+# the platter is visible in the images too
 VOLUME = Volume(bottom=0.5e-3)
 
 
@@ -46,7 +46,7 @@ def run() -> Iterator[Number]:
 
 
 def rendered() -> Iterator[Number]:
-    """Kept points of the demo part, bench cell, 400 steps, both lasers, true calibration."""
+    """Points of the demo part to CAD: bench cell, 400 steps, both lasers, true calibration."""
     full = scan_demo_part(Optics())
     note = f'{full.count} points, {STEPS} steps, 2 lasers'
     yield Number('demo part, points to CAD, rms', full.rms * 1e3, 'mm', at_most(0.05), note)
@@ -58,16 +58,16 @@ def rendered() -> Iterator[Number]:
 
 def scan_demo_part(optics: Optics) -> Deviation:
     cell, part = bench_cell(), demo_part()
-    # the noise of a camera is known: it is calibrated, or given as here
-    extract = ExtractSettings(noise=Noise(speckle=optics.speckle))
+    # the camera noise is known from calibration, or given as here
+    extract = ExtractSettings(noise=SensorNoise(speckle=optics.speckle))
     settings = Settings(acquisition=AcquisitionSettings(volume=VOLUME, extract=extract))
     made = reconstruct(cell, simulate_scan(cell, part, STEPS, optics=optics, seed=1), settings)
-    points, _ = cloud(made)
-    return summarise(Surface(part.vertices_xyz, part.faces).signed_distance(points))
+    points, _ = merged_cloud(made)
+    return summarize(Surface(part.vertices_xyz, part.faces).signed_distance(points))
 
 
 def real() -> Iterator[Number]:
-    """The figure on the block, by the commands of the README."""
+    """Angles and flatness of a real block, scanned by the commands of the README."""
     data = measured_scan()
     if data is None:
         return

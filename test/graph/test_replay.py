@@ -16,7 +16,7 @@ from ivfmc_ros.cell.cell_file import save_cell
 from ivfmc_ros.meshing.build import MeshSettings
 from ivfmc_ros.pipeline import reconstruct
 from ivfmc_ros.pipeline import Settings
-from ivfmc_ros.results import cloud as cloud_of
+from ivfmc_ros.results import merged_cloud
 from ivfmc_ros.simulation.bench import bench_cell
 from ivfmc_ros.simulation.parts.solids import demo_part
 from ivfmc_ros.simulation.recording import record_scan
@@ -31,7 +31,7 @@ LASERS = ('left', 'right')
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory):
-    """Bag of a few pictures of the demo part with both lasers, and the cell beside it."""
+    """A bag of 24 images per laser of the demo part, with cell.yaml beside it."""
     folder = tmp_path_factory.mktemp('bag')
     cell = bench_cell()
     save_cell(folder / 'cell.yaml', cell)
@@ -41,7 +41,7 @@ def bag(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def cell(start, client, bag):
-    # no files of parameters: everything as it is offline, but for a mesh that is soon made
+    # no parameter files: the defaults of the offline pipeline, with a coarse mesh
     return start('--replay', '--cell', bag.parent / 'cell.yaml', '--config', bag.parent,
                  '--set', f'mesher.mesh.voxel={VOXEL}')  # fmt: skip
 
@@ -57,12 +57,12 @@ def replay(bag, *options):
     )
 
 
-# after a replay with a clock of its own, nodes have to go by theirs again
+# without /clock after a replay with it: nodes must return to their own clock
 @pytest.mark.parametrize('options', [['--clock'], []])
-def test_replayed_cloud_is_the_offline_one(client, cell, bag, tmp_path, options):
+def test_replayed_cloud_equals_the_offline_cloud(client, cell, bag, tmp_path, options):
     settings = Settings(mesh=MeshSettings(voxel=VOXEL))
     offline = reconstruct(bench_cell(), open_scan(bag, lasers=LASERS).frames(), settings)
-    points, _ = cloud_of(offline)
+    points, _ = merged_cloud(offline)
     clouds = client.collect(PointCloud2, 'cloud')
     answer = replay(bag, '-o', tmp_path / 'out', *options)
     assert answer.returncode == 0, answer.stderr + cell.log()
@@ -75,7 +75,7 @@ def test_replayed_cloud_is_the_offline_one(client, cell, bag, tmp_path, options)
     assert (tmp_path / 'out' / 'mesh.stl').is_file()
 
 
-def test_other_publishers_are_not_talked_over(client, cell, bag):
+def test_replay_is_refused_while_another_node_publishes_a_topic(client, cell, bag):
     publisher = client.publisher(Image, 'image_raw')
     try:
         answer = replay(bag)
@@ -85,12 +85,12 @@ def test_other_publishers_are_not_talked_over(client, cell, bag):
     assert 'image_raw is published by /ivfmc/client' in answer.stderr
 
 
-def test_bag_without_pictures_is_refused(bag, tmp_path):
+def test_missing_bag_is_refused(bag, tmp_path):
     answer = replay(tmp_path / 'nothing')
     assert answer.returncode == 1
     assert 'nothing' in answer.stderr
 
 
-def test_cell_for_replay_ends_in_order(cell):
+def test_replay_cell_ends_without_orphans(cell):
     assert cell.end() == 0
     assert gone(cell)

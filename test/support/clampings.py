@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scans of one part as it is put onto the table in different ways."""
+"""Simulated scans of one part in different clampings on the table."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,7 +14,7 @@ from support.erring_table import views_of
 
 
 def lying(part, seed):
-    """Return turntable_from_part of a part that somebody laid on its side, somewhere."""
+    """Return a random turntable_from_part, (4, 4), of a part that lies on its side."""
     rng = np.random.default_rng((12, seed))
     roll, azimuth = rng.uniform(0.0, 2.0 * np.pi, 2)
     turn = Rotation.from_euler('zyz', (roll, np.pi / 2, azimuth))
@@ -32,7 +32,8 @@ def clamped(name, cell, part, T, steps=100, seed=1, measure=stripes):
     """
     Return a scan of a part at T (turntable_from_part).
 
-    measure : gives the stripes; by default exact ones with noise
+    T : (4, 4); steps : table angles per turn
+    measure : function that returns the stripes; by default exact ones with noise
     """
     sweeps = turns(steps, np.zeros_like)
     measured = measure(cell, part.moved(T), sweeps, seed)
@@ -41,7 +42,7 @@ def clamped(name, cell, part, T, steps=100, seed=1, measure=stripes):
 
 
 def displacement(part, found, true):
-    """Return by how many metres at most two poses put a point of the part apart."""
+    """Return the greatest distance in meters between a point of the part at two poses."""
     vertices = part.vertices_xyz
     return float(
         np.linalg.norm(

@@ -41,7 +41,7 @@ def run_offline(output: Path, steps: int, speckle: float, seed: int, **options: 
     cell = with_sheet_thickness(bench_cell(), optics)
     total = steps * len(cell.lasers)
     frames = simulate_scan(cell, part, steps, optics=optics, seed=seed)
-    with files.whole_folder(output) as folder:
+    with files.atomic_folder(output) as folder:
         save_cell(folder / 'cell.yaml', cell)
         save_camera(folder / 'camera.yaml', cell.camera)
         write_solid(folder / 'nominal.stl', part.vertices_xyz, part.faces)

@@ -1,6 +1,10 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Mesh files. CAD has no unit in STL and OBJ, so it is written in the header or a comment."""
+"""
+Writes meshes as STL, PLY, OBJ, binary glTF or 3MF, and point clouds as PLY.
+
+STL, PLY and OBJ have no field for the unit of length: it is written in the header or a comment.
+"""
 
 from collections.abc import Callable
 from collections.abc import Iterable
@@ -16,16 +20,16 @@ from ivfmc_ros import files
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.meshing.geometry import normals
 from ivfmc_ros.meshing.io import threemf
-from ivfmc_ros.meshing.parallel import each_part
+from ivfmc_ros.meshing.parallel import map_chunked
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import MEASURED
 from ivfmc_ros.model import Mesh
 from ivfmc_ros.validation import require_one_of
 
-# metres -> unit
+# name -> units in a meter
 UNITS = {'m': 1.0, 'mm': 1e3, 'inch': 1.0 / 0.0254}
-_AT_ONCE = 1 << 15  # faces
+_CHUNK = 1 << 15  # faces
 
 _STL_FACE = np.dtype([('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('attribute', '<u2')])
 
@@ -34,42 +38,52 @@ def write_mesh(path: Path, mesh: Mesh, unit: str = 'mm') -> None:
     """
     Write a mesh as binary STL, binary PLY, OBJ, binary glTF or 3MF, by the suffix of ``path``.
 
-    glTF is in metres always; the others are in ``unit``.
+    The file appears complete or not at all. glTF is always in meters.
 
-    :raises ParameterError: unknown suffix or unit, or lib3mf is missing
+    unit : unit of the other formats, one of ``UNITS``
+    :raises ParameterError: the suffix or the unit is unknown, or lib3mf is not installed
     :raises FileError: the file cannot be written
     """
     write = _WRITERS.get(path.suffix.lower())
     if write is None:
         raise ParameterError(f'{path}: {path.suffix!r} is not one of {", ".join(_WRITERS)}')
     scale = _scale(unit)
-    with files.whole_file(path) as temporary, temporary.open('wb') as stream:
+    with files.atomic_file(path) as temporary, temporary.open('wb') as stream:
         write(stream, mesh, mesh.vertices_xyz * scale, unit)
 
 
 def write_solid(path: Path, vertices_xyz: Floats, faces: Ints, unit: str = 'mm') -> None:
-    """Write triangles that were not measured, for example a nominal part, as ``write_mesh``."""
-    nothing = np.full(len(vertices_xyz), np.nan)
+    """
+    Write triangles without measured attributes, for example a nominal part.
+
+    vertices_xyz : (n, 3) float64, meters
+    faces : (m, 3) int64
+    unit, errors : as ``write_mesh``
+    """
+    unknown = np.full(len(vertices_xyz), np.nan)
     mesh = Mesh(
         vertices_xyz=vertices_xyz,
         faces=faces,
-        normals=normals.of_vertices(vertices_xyz, faces),
-        sigma=nothing,
-        intensity=nothing,
+        normals=normals.vertex_normals(vertices_xyz, faces),
+        sigma=unknown,
+        intensity=unknown,
     )
     write_mesh(path, mesh, unit)
 
 
 def write_cloud(path: Path, points_xyz: Floats, sigma: Floats, unit: str = 'mm') -> None:
     """
-    Write (n, 3) points with their (n,) 1 sigma, both metres, as binary PLY.
+    Write points and their uncertainties as binary PLY.
 
-    :raises ParameterError: unknown unit
+    points_xyz : (n, 3) meters
+    sigma : (n,) meters, 1 sigma
+    unit : unit of the file, one of ``UNITS``
+    :raises ParameterError: the unit is unknown
     :raises FileError: the file cannot be written
     """
     scale = _scale(unit)
     table = np.column_stack([points_xyz * scale, sigma * scale]).astype('<f4')
-    with files.whole_file(path) as temporary, temporary.open('wb') as stream:
+    with files.atomic_file(path) as temporary, temporary.open('wb') as stream:
         stream.write(_ply_header(('x', 'y', 'z', 'sigma'), len(table), 0, unit))
         stream.write(table.tobytes())
 
@@ -80,59 +94,59 @@ def _scale(unit: str) -> float:
 
 
 def _stl(stream: BinaryIO, mesh: Mesh, vertices: Floats, unit: str) -> None:
-    # readers take a file whose header begins with 'solid' for the text format
+    # a header that begins with 'solid' would mark the file as text
     stream.write(f'ivfmc_ros binary STL, unit {unit}'.encode().ljust(80))
     stream.write(np.array(len(mesh.faces), dtype='<u4').tobytes())
 
-    def records(some: slice) -> bytes:
-        faces = np.zeros(some.stop - some.start, dtype=_STL_FACE)
-        faces['normal'] = np.nan_to_num(normals.of_faces(vertices, mesh.faces[some]))
-        faces['corners'] = vertices.take(mesh.faces[some], axis=0)
+    def records(chunk: slice) -> bytes:
+        faces = np.zeros(chunk.stop - chunk.start, dtype=_STL_FACE)
+        faces['normal'] = np.nan_to_num(normals.face_normals(vertices, mesh.faces[chunk]))
+        faces['corners'] = vertices.take(mesh.faces[chunk], axis=0)
         return faces.tobytes()
 
-    for part in each_part(records, len(mesh.faces), _AT_ONCE):
-        stream.write(part)
+    for data in map_chunked(records, len(mesh.faces), _CHUNK):
+        stream.write(data)
 
 
 def _ply(stream: BinaryIO, mesh: Mesh, vertices: Floats, unit: str) -> None:
-    table = np.zeros(len(vertices), dtype=[*((name, '<f4') for name in _PLY_FLOATS), *_COLOUR])
+    table = np.zeros(len(vertices), dtype=[*((name, '<f4') for name in _PLY_FLOATS), *_COLORS])
     values = (*vertices.T, *mesh.normals.T, mesh.sigma * UNITS[unit], mesh.intensity)
     for name, column in zip(_PLY_FLOATS, (*values, quality(mesh)), strict=True):
         table[name] = column
-    for name, _ in _COLOUR:
-        table[name] = _grey(mesh)
+    for name, _ in _COLORS:
+        table[name] = _gray(mesh)
     faces = np.zeros(
         len(mesh.faces), dtype=[('count', 'u1'), ('corners', '<i4', 3), ('kind', 'u1')]
     )
     faces['count'] = 3
     faces['corners'] = mesh.faces
     faces['kind'] = MEASURED if mesh.kind is None else mesh.kind
-    stream.write(_ply_header(_PLY_FLOATS, len(vertices), len(faces), unit, coloured=True))
+    stream.write(_ply_header(_PLY_FLOATS, len(vertices), len(faces), unit, colored=True))
     stream.write(table.tobytes())
     stream.write(faces.tobytes())
 
 
 _PLY_FLOATS = ('x', 'y', 'z', 'nx', 'ny', 'nz', 'sigma', 'intensity', 'quality')
-_COLOUR = [('red', 'u1'), ('green', 'u1'), ('blue', 'u1')]
+_COLORS = [('red', 'u1'), ('green', 'u1'), ('blue', 'u1')]
 
 
 def quality(mesh: Mesh) -> Floats:
-    """Return (n,) from 0 (not measured) to 1 (as good as the better half of the vertices)."""
+    """Return (n,) median sigma by sigma of each vertex, clipped to 1; 0 where not measured."""
     known = mesh.sigma[mesh.sigma > 0]
-    usual = float(np.median(known)) if len(known) else 1.0
+    median = float(np.median(known)) if len(known) else 1.0
     with np.errstate(invalid='ignore', divide='ignore'):
-        return np.asarray(np.nan_to_num(np.clip(usual / mesh.sigma, 0.0, 1.0)))
+        return np.asarray(np.nan_to_num(np.clip(median / mesh.sigma, 0.0, 1.0)))
 
 
-def _grey(mesh: Mesh) -> NDArray[np.uint8]:
-    """Return the intensity as a colour: the brightest hundredth is white, nothing is black."""
+def _gray(mesh: Mesh) -> NDArray[np.uint8]:
+    """Return the intensity as gray values: the 99th percentile is white, 0 and NaN are black."""
     finite = mesh.intensity[np.isfinite(mesh.intensity)]
     top = max(float(np.percentile(finite, 99)), 1e-9) if len(finite) else 1.0
     return np.asarray(np.nan_to_num(np.clip(mesh.intensity / top, 0, 1)) * 255, dtype=np.uint8)
 
 
 def _ply_header(
-    names: tuple[str, ...], vertices: int, faces: int, unit: str, *, coloured: bool = False
+    names: tuple[str, ...], vertices: int, faces: int, unit: str, *, colored: bool = False
 ) -> bytes:
     lines = [
         'ply',
@@ -142,8 +156,8 @@ def _ply_header(
         f'element vertex {vertices}',
         *(f'property float {name}' for name in names),
     ]
-    if coloured:
-        lines += [f'property uchar {name}' for name, _ in _COLOUR]
+    if colored:
+        lines += [f'property uchar {name}' for name, _ in _COLORS]
     if faces:
         lines += [f'element face {faces}', 'property list uchar int vertex_indices']
         lines += ['property uchar kind']
@@ -159,7 +173,7 @@ def _obj(stream: BinaryIO, mesh: Mesh, vertices: Floats, unit: str) -> None:
 
 
 def _glb(stream: BinaryIO, mesh: Mesh, vertices: Floats, unit: str) -> None:
-    """Write binary glTF 2.0, which is in metres and has y up, whatever the unit of other files."""
+    """Write binary glTF 2.0, which is in meters and has y up, whatever ``unit`` is."""
     del unit
     vertices = np.ascontiguousarray(mesh.vertices_xyz, dtype='<f4')
     parts = [
@@ -205,7 +219,11 @@ FORMATS = tuple(suffix[1:] for suffix in _WRITERS)
 
 
 def require_formats(names: Iterable[str]) -> None:
-    """:raises ParameterError: a name is none of FORMATS, or its library is missing."""
+    """
+    Check that meshes can be written in formats.
+
+    :raises ParameterError: a name is not in ``FORMATS``, or its library is not installed
+    """
     for name in names:
         require_one_of('formats', name, FORMATS)
         if name == '3mf':

@@ -29,7 +29,7 @@ from ivfmc_ros.registration.merge.merge import require_several
 from ivfmc_ros.registration.misfit import laser_misfit
 from ivfmc_ros.registration.misfit import Misfit
 from ivfmc_ros.registration.views.motion_fit import SweepMotion
-from ivfmc_ros.results import merging
+from ivfmc_ros.results import merge_report
 from ivfmc_ros.stopwatch import Stopwatch
 from ivfmc_ros.storage.scans.stored_scan import load_profiles
 
@@ -136,7 +136,7 @@ def merge_scans(root: str, scan_ids: Sequence[str], settings: pipeline.Settings)
     return MergedScans(
         views=merged.views,
         poses=merged.poses,
-        placed=merging(merged),
+        placed=merge_report(merged),
         seconds=watch.seconds,
     )
 

@@ -20,12 +20,12 @@ from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
 from ivfmc_ros.registration.merge.holes import find_holes
 from ivfmc_ros.registration.merge.holes import Hole
-from ivfmc_ros.registration.merge.line_segments import concatenate
+from ivfmc_ros.registration.merge.line_segments import concatenate_segments
 from ivfmc_ros.registration.merge.line_segments import extract_line_segments
 from ivfmc_ros.registration.solver.downsample import common_voxel_size
-from ivfmc_ros.registration.solver.downsample import sample
+from ivfmc_ros.registration.solver.downsample import downsample
+from ivfmc_ros.registration.solver.surfels import concatenate_surfels
 from ivfmc_ros.registration.solver.surfels import fit_surfels
-from ivfmc_ros.registration.solver.surfels import joined
 from ivfmc_ros.registration.solver.surfels import Surfels
 from ivfmc_ros.registration.views.assemble import viewing_vectors
 
@@ -71,7 +71,7 @@ class ClampedSurface:
         """Return the surface transformed by a rigid (4, 4) matrix."""
         return replace(
             self,
-            surfels=self.surfels.posed(T),
+            surfels=self.surfels.transformed(T),
             sight=self.sight @ T[:3, :3].T,
             holes=tuple(hole.transformed(T) for hole in self.holes),
         )
@@ -84,7 +84,7 @@ class ClampedSurface:
 
     def selected(self, index: Ints) -> 'ClampedSurface':
         """Return the surfels of the given indices, and all holes."""
-        return replace(self, surfels=self.surfels.chosen(index), sight=self.sight[index])
+        return replace(self, surfels=self.surfels.select(index), sight=self.sight[index])
 
 
 def clamping_surfaces(clampings: Sequence[Clamping]) -> tuple[list[ClampedSurface], float]:
@@ -111,7 +111,7 @@ def union(surfaces: Sequence[ClampedSurface]) -> ClampedSurface:
     """Return several surfaces as one."""
     return ClampedSurface(
         name=' and '.join(surface.name for surface in surfaces),
-        surfels=joined([surface.surfels for surface in surfaces]),
+        surfels=concatenate_surfels([surface.surfels for surface in surfaces]),
         sight=np.concatenate([surface.sight for surface in surfaces]),
         holes=tuple(hole for surface in surfaces for hole in surface.holes),
     )
@@ -121,7 +121,7 @@ def _surface(clamping: Clamping, spacing: float) -> ClampedSurface | None:
     parts, segments = [], []
     posed = zip(clamping.views, clamping.poses.turntable_from_view, strict=True)
     for view, T in posed:
-        samples = sample(view, spacing)
+        samples = downsample(view, spacing)
         sight = viewing_vectors(clamping.cell, view)
         # the sense of grid normals changes beyond the axis; the camera always sees the outside
         samples = replace(samples, outward=samples.means(sight))
@@ -134,5 +134,5 @@ def _surface(clamping: Clamping, spacing: float) -> ClampedSurface | None:
     if not parts:
         return None
     surface = replace(union(parts), name=clamping.name)
-    beside = concatenate(segments).without_surfels(surface.surfels, spacing)
+    beside = concatenate_segments(segments).without_surfels(surface.surfels, spacing)
     return replace(surface, holes=find_holes(beside, surface.surfels, spacing))

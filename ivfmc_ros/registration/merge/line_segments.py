@@ -119,7 +119,7 @@ def extract_line_segments(view: View, sight: Floats, max_gap: float) -> LineSegm
     )
 
 
-def concatenate(parts: Sequence[LineSegments]) -> LineSegments:
+def concatenate_segments(parts: Sequence[LineSegments]) -> LineSegments:
     """Return all segments in one; sigma is the median of theirs."""
     return LineSegments(
         points_xyz=np.concatenate([part.points_xyz for part in parts]),

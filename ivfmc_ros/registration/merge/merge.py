@@ -145,7 +145,7 @@ def _refine(
     ]
     moved = [surface.transformed(T) for surface, T in zip(surfaces, initial, strict=True)]
     problem = RegistrationProblem(
-        patches=[surface.surfels for surface in moved], slopes=None, edge=spacing
+        surfels=[surface.surfels for surface in moved], jacobian=None, spacing=spacing
     )
     result = solve_registration(
         problem, loose_prior_root(moved), _MAX_CORRESPONDENCE_DISTANCE * spacing

@@ -213,7 +213,7 @@ class _PoseRefiner:
     def _refine(self, T: Floats, max_distance: float) -> PoseCandidate:
         source = self._source.transformed(T)
         surfels = [self._target.surfels, source.surfels]
-        problem = RegistrationProblem(patches=surfels, slopes=None, edge=self._spacing)
+        problem = RegistrationProblem(surfels=surfels, jacobian=None, spacing=self._spacing)
         result = solve_registration(
             problem, loose_prior_root([self._target, source]), max_distance
         )

@@ -19,7 +19,7 @@ from typing import IO
 
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.errors import FileError
-from ivfmc_ros.files import whole_folder
+from ivfmc_ros.files import atomic_folder
 from ivfmc_ros.files import write_text
 from ivfmc_ros.model import Image
 from ivfmc_ros.storage.bag import metadata
@@ -268,7 +268,7 @@ def create_bag(
     namespace, compress : as in ``BagWriter``
     :raises FileError: the folder is not empty, or cannot be written
     """
-    with whole_folder(folder) as temporary:
+    with atomic_folder(folder) as temporary:
         bag = BagWriter(temporary, namespace=namespace, compress=compress, label=str(folder))
         try:
             yield bag

@@ -1,11 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
-from support.surfaces import block
 from support.surfaces import empty
+from support.surfaces import wavy_view
 
 from ivfmc_ros.registration.merge.line_segments import extract_line_segments
-from ivfmc_ros.registration.solver.downsample import sample
+from ivfmc_ros.registration.solver.downsample import downsample
 from ivfmc_ros.registration.solver.surfels import fit_surfels
 
 EDGE, MAX_GAP = 8e-4, 2e-3
@@ -16,7 +16,7 @@ def viewing_vectors(view):
 
 
 def test_segments_lie_along_the_profiles_of_a_surface():
-    view = block()
+    view = wavy_view()
     segments = extract_line_segments(view, viewing_vectors(view), MAX_GAP)
     assert len(segments) > 100
     np.testing.assert_allclose(np.linalg.norm(segments.directions, axis=1), 1.0)
@@ -28,13 +28,13 @@ def test_segments_lie_along_the_profiles_of_a_surface():
 
 
 def test_points_over_a_gap_make_no_segment():
-    view = block()
+    view = wavy_view()
     assert not len(extract_line_segments(view, viewing_vectors(view), 1e-6))
 
 
 def test_segments_on_a_surfel_are_left_out_and_those_of_a_wall_are_not():
-    view = block()
-    surfels = fit_surfels(sample(view, EDGE), EDGE)
+    view = wavy_view()
+    surfels = fit_surfels(downsample(view, EDGE), EDGE)
     segments = extract_line_segments(view, viewing_vectors(view), MAX_GAP)
     assert len(segments.without_surfels(surfels, EDGE)) < 0.1 * len(segments)
     lifted = np.eye(4)
@@ -51,5 +51,5 @@ def test_segments_on_a_surfel_are_left_out_and_those_of_a_wall_are_not():
 
 
 def test_empty_view_has_no_segments():
-    view = empty(block())
+    view = empty(wavy_view())
     assert not len(extract_line_segments(view, np.empty((0, 3)), MAX_GAP))

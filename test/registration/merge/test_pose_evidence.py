@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from support.surfaces import block
+from support.surfaces import wavy_view
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.registration.merge.bodies import ClampedSurface
 from ivfmc_ros.registration.merge.pose_evidence import SurfaceIndex
-from ivfmc_ros.registration.solver.downsample import sample
+from ivfmc_ros.registration.solver.downsample import downsample
 from ivfmc_ros.registration.solver.surfels import fit_surfels
 
 EDGE, NOISE = 8e-4, 5e-5
@@ -16,11 +16,11 @@ EDGE, NOISE = 8e-4, 5e-5
 @pytest.fixture(scope='module')
 def index():
     """A wavy surface seen from above."""
-    surfels = fit_surfels(sample(block(), EDGE), EDGE)
+    surfels = fit_surfels(downsample(wavy_view(), EDGE), EDGE)
     up = np.sign(surfels.normals[:, 2:])
     surfels = type(surfels)(**{**vars(surfels), 'normals': surfels.normals * up})
     sight = np.tile([0.0, 0.6, 0.8], (len(surfels), 1))
-    return SurfaceIndex(ClampedSurface(name='block', surfels=surfels, sight=sight), EDGE)
+    return SurfaceIndex(ClampedSurface(name='wavy_view', surfels=surfels, sight=sight), EDGE)
 
 
 def lifted(height):
