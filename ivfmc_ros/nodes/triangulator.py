@@ -260,7 +260,7 @@ class Triangulator(CellNode):
         try:
             image = self._image(match.payload)
             where = f'{self._images.topic} and camera_info do not match'
-            stream.acquisition.cell.camera.require_image(image.shape, where)
+            stream.acquisition.cell.camera.require_image_size(image.shape, where)
             frame = Frame(
                 image=image,
                 stamp_ns=match.stamp_ns,

@@ -18,11 +18,11 @@ def client():
 
 @pytest.fixture(scope='module')
 def start(tmp_path_factory):
-    """Start a cell; whatever a test does, nothing of it stays."""
+    """Start a cell; its processes are killed at the end of the module."""
     cells = []
 
     def start(*arguments):
-        # as people name folders
+        # spaces, brackets and non-ASCII letters in the path
         folder = tmp_path_factory.mktemp('cell') / 'Prüfling 1 [neu]'
         cells.append(Cell(folder, *map(str, arguments)))
         return cells[-1]

@@ -35,7 +35,7 @@ def scan(client, seconds=150.0, **values):
 
 
 def lasers_on(client):
-    """Names of the lasers that shine, by what the driver says from now on."""
+    """Names of the lasers that are on, by the messages of the driver from now on."""
     states = client.collect(JointState, 'laser_states')
     client.spin(0.8)
     last = states[-1]
@@ -89,7 +89,7 @@ def test_busy_cell_refuses_and_cancel_turns_the_laser_off(client, cell):
     assert client.trigger('cancel')[0]
     client.until(lambda: _values(client)['code'] == 'CANCELLED', 20.0, cell.log())
     assert lasers_on(client) == []
-    # what was recorded until then can be read
+    # the bag of the cancelled scan is readable
     assert open_bag(cell.scans / first['scan_id']).topics['/ivfmc/profile'].count > 0
 
 

@@ -16,10 +16,20 @@ def start_and_await(client, start, *arguments):
     return cell
 
 
-def test_ctrl_c_ends_all_in_order(client, start):
+def test_good_start_logs_no_warning_and_no_error(client, start):
+    cell = start_and_await(client, start)
+    client.spin(10.0)
+    assert cell.end(signal.SIGINT) == 0
+    severities = ('[WARN]', '[ERROR]', '[FATAL]')
+    assert [line for line in cell.log().splitlines() if any(s in line for s in severities)] == []
+    # an input that has not been received yet is information, once
+    assert cell.log().count('joint_states: waiting') <= 1
+
+
+def test_ctrl_c_ends_all_processes(client, start):
     cell = start_and_await(client, start)
     assert len(cell.processes()) >= 8
-    # two cells of one name would both answer
+    # two cells of one namespace would both respond
     second = start('--simulate')
     assert second.up.wait(60.0) == 1
     assert 'a cell is up in /ivfmc already' in second.up.stderr.read()
@@ -30,11 +40,11 @@ def test_ctrl_c_ends_all_in_order(client, start):
     assert not (cell.folder / 'simulation' / 'controller').exists()
 
 
-def test_no_orphan_when_up_is_killed(client, start):
+def test_no_process_remains_when_up_is_killed(client, start):
     cell = start_and_await(client, start)
     assert len(cell.processes()) >= 8
     cell.end(signal.SIGKILL)
-    # a camera that is just preparing its pictures finishes that first
+    # a camera that is rendering finishes that first
     assert gone(cell, 60.0)
 
 
@@ -49,14 +59,14 @@ def test_no_orphan_when_up_is_killed(client, start):
         (('--simulate', '--set', 'mesher.display_triangles=5'), 'mesher ended with exit code 2'),
     ],
 )
-def test_cell_that_cannot_be_is_refused(start, arguments, said):
+def test_invalid_options_are_rejected(start, arguments, said):
     cell = start(*arguments)
     assert cell.up.wait(60.0) == 1
     assert said in cell.up.stderr.read()
     assert gone(cell)
 
 
-def test_folder_that_cannot_be_made_is_named(tmp_path):
+def test_folder_that_cannot_be_created_is_named(tmp_path):
     (tmp_path / 'taken').write_text('')
     cell = Cell(tmp_path / 'taken', '--cell', __file__)
     assert cell.up.wait(60.0) == 1

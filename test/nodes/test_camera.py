@@ -80,7 +80,7 @@ def test_simulated_camera_sees_the_live_cell(client, tmp_path):
         assert np.mean(images[0].data) == pytest.approx(6.0, abs=0.1)
         process.terminate()
         process.wait(timeout=5)
-        client.until(lambda: 'gone' in client.diagnostic('camera'), 10.0)
+        client.until(lambda: 'ended' in client.diagnostic('camera'), 10.0)
 
 
 def test_exposure_out_of_range_or_longer_than_the_period_is_rejected(client, pictures):

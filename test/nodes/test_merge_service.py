@@ -1,9 +1,10 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scans of the catalogue, brought together by a service."""
+"""Merging of stored scans by registrar/merge, and meshing of the result by mesher/build."""
 
 from geometry_msgs.msg import PoseArray
 import numpy as np
+import open3d as o3d
 import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
@@ -14,6 +15,8 @@ from support.erring_table import stripes
 from support.erring_table import turns
 from support.graph_rig import running
 
+from ivfmc_ros import pipeline
+from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.camera_file import save_camera
 from ivfmc_ros.cell.cell_file import save_cell
 from ivfmc_ros.nodes.convert import clouds
@@ -22,8 +25,14 @@ from ivfmc_ros.simulation.parts.solids import demo_part
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 from ivfmc_ros.storage.recording.live_recorder import LiveRecorder
+from ivfmc_ros.storage.scans.stored_scan import load_profiles
 
-PLACES = {'up': np.eye(4), 'down': lying(demo_part(), 0)}
+# meters; the platter is at z = 0, and the first clamping holds the flange below it
+LOWERED = -0.012
+PLACES = {
+    'up': transforms.rigid(np.eye(3), (0.0, 0.0, LOWERED)),
+    'down': lying(demo_part(), 0),
+}
 
 
 def store(catalogue, root, scan_id, cell, place, steps=80):
@@ -72,10 +81,35 @@ def test_stored_scans_are_merged_and_published(client, root):
         client.until(lambda: len(views) == 4 and places)
     assert [scan['name'] for scan in answer['scans']] == ['up', 'down']
     found = np.array(answer['scans'][1]['first_from_scan']) @ PLACES['down']
-    assert displacement(demo_part(), found, np.eye(4)) < 1e-4
+    assert displacement(demo_part(), found, PLACES['up']) < 1e-4
     assert [view['view'] for view in answer['views']] == [0, 1, 2, 3]
     assert len(places[0].poses) == 4
     assert {view.header.stamp.nanosec for view in views} == {places[0].header.stamp.nanosec}
+
+
+def test_merged_part_is_meshed_below_the_platter_as_offline(client, root, tmp_path):
+    files = {'cell': str(root / 'up' / 'cell.yaml'), 'camera': str(root / 'up' / 'camera.yaml')}
+    with (
+        running('registrar', scan_root=str(root), merge=['up', 'down']),
+        running('mesher', **files, scan_folder=str(tmp_path), formats=['ply']),
+    ):
+        client.until(lambda: client.node.count_subscribers('view_poses') == 1)
+        good, answer = client.trigger('registrar/merge', seconds=120.0)
+        assert good, answer
+        good, answer = client.trigger('mesher/build', seconds=120.0)
+        assert good, answer
+    settings = pipeline.Settings()
+    clampings = []
+    for scan_id in PLACES:
+        profiles, cell = load_profiles(root, scan_id)
+        clampings.append(pipeline.register_clamping(scan_id, cell, profiles, settings))
+    offline = pipeline.reconstruct_clampings(clampings, settings).mesh
+    vertices = 1e-3 * np.asarray(o3d.io.read_triangle_mesh(str(tmp_path / 'mesh.ply')).vertices)
+    assert offline.vertices_xyz[:, 2].min() < LOWERED + 1e-3
+    assert vertices[:, 2].min() == pytest.approx(offline.vertices_xyz[:, 2].min(), abs=2e-4)
+    # points are rounded to single precision on their way, and the triangles with them
+    below = np.count_nonzero(vertices[:, 2] < 0.0)
+    assert below == pytest.approx(np.count_nonzero(offline.vertices_xyz[:, 2] < 0.0), rel=0.01)
 
 
 def test_scans_that_cannot_be_merged_are_rejected_with_a_code(client, root):

@@ -14,7 +14,7 @@ STEP = 100_000_000
 
 
 class Inputs:
-    """Publishes what a camera, a table and two lasers would."""
+    """Publishes the topics of a camera, a table and two lasers."""
 
     def __init__(self, client, cell):
         self.client, self.cell = client, cell
@@ -28,8 +28,8 @@ class Inputs:
         return all(topic.get_subscription_count() for topic in self.topics)
 
     def wait(self):
-        self.client.until(self.heard, what='nobody listens')
-        # a subscriber whose QoS is adapted to ours comes again
+        self.client.until(self.heard, what='no subscription')
+        # an adaptive subscription may be created again
         self.client.spin(0.6)
 
     def picture(self, image, stamp_ns):
@@ -63,7 +63,7 @@ class Inputs:
         self.lasers.publish(JointState(header=header(stamp_ns, ''), name=names, position=states))
 
     def step(self, number, frame, angle=None):
-        """All that belongs to one picture of a stepped scan."""
+        """Publish all messages of one image of a scan in step motion."""
         stamp = START + number * STEP
         angle = frame.angle if angle is None else angle
         self.camera_info(stamp)

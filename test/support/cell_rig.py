@@ -12,7 +12,7 @@ from support.graph_rig import node_environment
 
 
 class Cell:
-    """``ivfmc up`` with what it started."""
+    """A process ``ivfmc up`` and the processes that it started."""
 
     def __init__(self, folder, *arguments):
         self.folder = folder
@@ -24,10 +24,9 @@ class Cell:
             stderr=subprocess.PIPE,
             text=True,
         )
-        self.known = set()
 
     def processes(self):
-        """Ids of all that belongs to the cell, also of what has lost its parent."""
+        """Process ids of the cell, orphans included."""
         mark = str(self.folder).encode()
         found = set()
         for place in Path('/proc').glob('[0-9]*'):
@@ -46,10 +45,12 @@ class Cell:
         return self.up.wait(seconds)
 
     def log(self):
+        """The text of up.log."""
         path = self.folder / 'up.log'
         return path.read_text() if path.exists() else ''
 
     def id_of(self, node):
+        """Process id of a node."""
         for pid in self.processes():
             words = Path(f'/proc/{pid}/cmdline').read_bytes().decode().split('\0')
             if f'ivfmc_ros.nodes.{node}' in words:
@@ -58,7 +59,7 @@ class Cell:
 
 
 def gone(cell, seconds=10.0):
-    """Tell whether nothing of the cell is left."""
+    """Return whether all processes of the cell end within ``seconds``."""
     deadline = time.monotonic() + seconds
     while cell.processes():
         if time.monotonic() > deadline:

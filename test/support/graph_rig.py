@@ -28,12 +28,12 @@ from ivfmc_ros.nodes.framework import qos
 DOMAIN = 1 + os.getpid() % 100
 ROOT = Path(__file__).resolve().parents[2]
 NAMESPACE = '/ivfmc'
-# Only a test that fails waits so long; a node on a busy machine takes its time to start.
+# Seconds; only a failing test waits this long. On a busy machine a node takes 20 s to start.
 PATIENCE_S = 60.0
 
 
 def node_environment() -> dict[str, str]:
-    """The environment of every process of a test: nobody else hears what it says."""
+    """Environment of every process of a test, in a ROS domain of its own on this machine."""
     alone = {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     found = environment.child_environment(**alone)
     return {**found, 'PYTHONPATH': os.pathsep.join([str(ROOT), found.get('PYTHONPATH', '')])}
@@ -65,7 +65,7 @@ class NodeProcess:
         return self.process.poll() is None
 
     def end(self, number: int = signal.SIGINT) -> int:
-        """Ask the node to end, and return its exit code."""
+        """Send a signal to the node, and return its exit code."""
         if self.alive:
             self.process.send_signal(number)
         try:
@@ -78,7 +78,7 @@ class NodeProcess:
 
 @contextmanager
 def running(name: str, **parameters: Any) -> Iterator[NodeProcess]:
-    """A node that has to be alive at the end, and to end in order."""
+    """A node that must still run at the end of the block, and exit with 0 after SIGINT."""
     node = NodeProcess(name, **parameters)
     try:
         yield node
@@ -90,7 +90,7 @@ def running(name: str, **parameters: Any) -> Iterator[NodeProcess]:
 
 
 class Client:
-    """What a cell controller has: stock messages and services."""
+    """A client of the cell that uses stock messages and services only."""
 
     def __init__(self) -> None:
         os.environ.update(node_environment())
@@ -113,13 +113,14 @@ class Client:
     def until(
         self, condition: Callable[[], object], seconds: float = PATIENCE_S, what: str = ''
     ) -> None:
-        """Spin until something is the case."""
+        """Spin until ``condition()`` is true; fails after ``seconds``."""
         deadline = time.monotonic() + seconds
         while not condition():
-            said = {
-                name: self.diagnostic(name) for name in ('triangulator', 'registrar', 'mesher')
-            }
-            assert time.monotonic() < deadline, f'{what or "nothing"} within {seconds} s: {said}'
+            diagnostics = [
+                self.diagnostic(name) for name in ('triangulator', 'registrar', 'mesher')
+            ]
+            text = f'{what or "nothing"} within {seconds} s: {diagnostics}'
+            assert time.monotonic() < deadline, text
             self.executor.spin_once(timeout_sec=0.02)
 
     def spin(self, seconds: float) -> None:
@@ -131,7 +132,7 @@ class Client:
         return self.node.create_publisher(kind, topic, profile or qos.of_topic(topic))
 
     def collect(self, kind: type, topic: str, depth: int = 1000) -> list[Any]:
-        """A list that fills with the messages of a topic."""
+        """Return a list to which the messages of a topic are appended."""
         found: list[Any] = []
         profile = qos.of_topic(topic)
         profile.depth = depth
@@ -162,7 +163,7 @@ class Client:
         ).result
 
     def diagnostic(self, node: str) -> str:
-        """All that a node says of itself."""
+        """The last diagnostics of a node as one line: level, message, key-value pairs."""
         status = self._diagnostics.get(f'{NAMESPACE.strip("/")}/{node}')
         if status is None:
             return ''
@@ -175,7 +176,7 @@ class Client:
 
 @contextmanager
 def following_client() -> Iterator[Client]:
-    """A client that keeps what ``scan_status`` said."""
+    """A client with the list ``status`` of all messages of ``scan_status``."""
     client = Client()
     client.status = client.collect(DiagnosticStatus, 'scan_status')
     try:
