@@ -144,7 +144,7 @@ def _read_encoded(path: Path, camera: Camera) -> tuple[bytes, str]:
     """Return a complete image of the camera's size as JPEG or PNG bytes, and the format."""
     data = read_bytes(path)
     image = decode_picture(data, str(path))
-    camera.require_image(image.shape, str(path))
+    camera.require_image_size(image.shape, str(path))
     if is_jpeg(data):
         return data, 'jpeg'
     if is_png(data):

@@ -101,7 +101,7 @@ class ScanBag:
             image = (decode_compressed if is_compressed else decode_image)(message, where)
         except FileError as error:
             raise BagError(str(error)) from error
-        self.camera.require_image(image.shape, where)
+        self.camera.require_image_size(image.shape, where)
         return image
 
     def _by_stamp(self, decode: Any) -> Iterator[tuple[RawMessage, Any]]:
@@ -159,20 +159,14 @@ def open_scan(
         joint_history=joint_history,
         laser_history=_laser_history(bag, scan_topics, messages, lasers),
     )
-    for stamp_ns in stamps:
-        matcher.add_image(stamp_ns, None)
-    matches = list(matcher.pop_matches())
+    matches = _match(matcher, stamps)
     headers = {header.stamp_ns: header for header in messages['profile'] if header is not None}
     if headers and matching is None:
         matches = [_as_recorded(match, headers.get(match.stamp_ns)) for match in matches]
-    skipped = Counter(match.reason for match in matches if match.reason)
-    if skipped.total() == len(matches):
-        reasons = ', '.join(f'{count} {reason}' for reason, count in skipped.items())
-        raise BagError(f'{path}: {scan_topics.image.name}: no image can be used ({reasons})')
     return ScanBag(
         path=path,
         camera=camera or _camera(bag, scan_topics, messages),
-        skipped=dict(skipped),
+        skipped=_count_skipped(matches, f'{path}: {scan_topics.image.name}'),
         damage=bag.damage,
         bag=bag,
         topics=scan_topics,
@@ -216,6 +210,21 @@ def _read_messages(bag: Bag, topics: ScanTopics) -> dict[str, list[Any]]:
         reduce = _REDUCTIONS.get(role)
         messages[role].append(reduce(message) if reduce else message)
     return messages
+
+
+def _match(matcher: FrameMatcher, stamps_ns: Sequence[int]) -> list[FrameMatch]:
+    for stamp_ns in stamps_ns:
+        matcher.add_image(stamp_ns, None)
+    return list(matcher.pop_matches())
+
+
+def _count_skipped(matches: Sequence[FrameMatch], where: str) -> dict[str, int]:
+    """Return the number of images that are not used by reason; refuse a scan without any other."""
+    skipped = Counter(match.reason for match in matches if match.reason)
+    if skipped.total() == len(matches):
+        reasons = ', '.join(f'{count} {reason}' for reason, count in skipped.items())
+        raise BagError(f'{where}: no image can be used ({reasons})')
+    return dict(skipped)
 
 
 def _require_angles(history: JointHistory, stamps_ns: Sequence[int], where: str) -> None:
