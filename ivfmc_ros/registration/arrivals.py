@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Profiles as they arrive, and the views that have ended among them."""
+"""Profiles of a running scan, grouped by view; completed views are registered incrementally."""
 
 from collections import defaultdict
 from collections.abc import Iterable
@@ -8,17 +8,19 @@ from collections.abc import Iterable
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Profile
 from ivfmc_ros.model import View
-from ivfmc_ros.registration.incremental import Incremental
+from ivfmc_ros.registration.incremental import IncrementalRegistration
 
-# A view of which none of the last profiles is one has ended: lasers may take turns.
-_SINCE = 6
+# A view is complete when none of the last so many profiles belongs to it. More than one, because
+# lasers may alternate from profile to profile.
+_COMPLETE_AFTER = 6
 
 
 class Arrivals:
     """
-    The views of a scan that are placed while it still runs.
+    Buffer of the profiles of a running scan, and the poses of the views registered so far.
 
-    ``place`` may run in a thread of its own, one at a time; the others are for the executor.
+    ``place`` may run in a thread of its own, one call at a time; the other methods are for the
+    executor's thread.
     """
 
     def __init__(self) -> None:
@@ -26,41 +28,44 @@ class Arrivals:
         self._last: dict[int, int] = {}
         self._count = 0
         self._busy = False
-        self._placed = Incremental()
+        self._registration = IncrementalRegistration()
 
     @property
     def poses(self) -> dict[int, Floats]:
-        """(4, 4) correction of every view that was placed, by its number."""
-        return dict(self._placed.poses)
+        """(4, 4) pose correction of each registered view, by the number of the view."""
+        return dict(self._registration.poses)
 
     def add(self, profile: Profile) -> bool:
-        """Take a profile; tell whether a view has ended that is not placed."""
+        """Add a profile; return whether a complete view waits for its registration."""
         self._count += 1
         self._last[profile.view] = self._count
-        if profile.view not in self._placed.poses:
+        if profile.view not in self._registration.poses:
             self._of_view[profile.view].append(profile)
-        return self._ended() is not None
+        return self._complete() is not None
 
     def begin(self) -> bool:
-        """Tell whether placing may begin: it has not, and there is something to place."""
-        begins = not self._busy and self._ended() is not None
+        """Reserve the registration; False if one is running or no complete view waits."""
+        begins = not self._busy and self._complete() is not None
         self._busy |= begins
         return begins
 
     def end(self) -> None:
-        """Say that placing has ended."""
+        """Release the registration that ``begin`` reserved."""
         self._busy = False
 
     def next(self) -> list[Profile]:
-        """Return the profiles of the first view that has ended; none if there is no such view."""
-        number = self._ended()
+        """Remove and return the profiles of the first complete view; empty if there is none."""
+        number = self._complete()
         return [] if number is None else self._of_view.pop(number)
 
     def place(self, views: Iterable[View]) -> None:
-        """Place the views that profiles of ``next()`` make on those before them."""
+        """Register views, made of the profiles of ``next``, to the views before them."""
         for view in views:
-            self._placed.add(view)
+            self._registration.add(view)
 
-    def _ended(self) -> int | None:
-        ended = [view for view in self._of_view if self._count - self._last[view] >= _SINCE]
-        return min(ended, default=None)
+    def _complete(self) -> int | None:
+        """Return the lowest number of a complete view that is not registered; None if none."""
+        complete = [
+            view for view in self._of_view if self._count - self._last[view] >= _COMPLETE_AFTER
+        ]
+        return min(complete, default=None)

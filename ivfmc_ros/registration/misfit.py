@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Two lasers, two objects? How far apart they see the same surface when all is registered."""
+"""Distance between the surfaces that different lasers measured, after the registration."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,25 +9,26 @@ import numpy as np
 
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
-from ivfmc_ros.registration.solver.gauss_newton import meetings
-from ivfmc_ros.registration.solver.gauss_newton import Scene
+from ivfmc_ros.registration.solver.gauss_newton import find_overlaps
+from ivfmc_ros.registration.solver.gauss_newton import RegistrationProblem
 from ivfmc_ros.registration.solver.verdict import trimmed_rms
-from ivfmc_ros.registration.table import surface_patches
+from ivfmc_ros.registration.table import fit_view_surfels
 
-# Beyond so many times the points' own noise the lasers' planes, or the axis, do not fit.
-_LIMIT = 4.0
-_MOST = 6000
+# If the rms exceeds the points' own noise by this factor, the laser planes or the axis are wrong.
+_MAX_NOISE_RATIO = 4.0
+# Samples of each view that are compared: enough for the rms, and fast.
+_MAX_SAMPLES = 6000
 
 
 @dataclass(frozen=True, kw_only=True)
 class Misfit:
     """
-    How far the surfaces of different lasers are apart.
+    Distance between the surfaces of different lasers.
 
-    rms : metres, along the normal, without the worst tenth; noise : metres, what the points' own
-        sigmas explain of it
-    pieces : of surface that two lasers saw
-    advice : what to do; empty if they fit
+    rms : meters, along the normal, trimmed (without the worst tenth)
+    noise : meters, the rms that the points' own sigmas explain
+    pieces : number of correspondences between surfels of two lasers
+    advice : what the operator can do; empty if the lasers fit
     """
 
     rms: float
@@ -36,28 +37,34 @@ class Misfit:
     advice: str
 
 
-def laser_misfit(views: Sequence[View], poses: Poses, reach: float = 1.5e-3) -> Misfit | None:
-    """Return how the lasers fit; None if no surface was seen by two of them."""
+def laser_misfit(
+    views: Sequence[View], poses: Poses, max_correspondence_distance: float = 1.5e-3
+) -> Misfit | None:
+    """
+    Compare the surfaces of different lasers; None if they share no surface.
+
+    max_correspondence_distance : meters, along the normal
+    """
     lasers = [view.laser for view in views]
     if len(set(lasers)) < 2:
         return None
-    patches, edge = surface_patches(views, _MOST)
-    scene = Scene(patches=patches, slopes=None, edge=edge)
-    pairs = [
-        each
-        for each in meetings(scene, poses.turntable_from_view, reach)
-        if lasers[each.a] != lasers[each.b]
+    surfels, spacing = fit_view_surfels(views, _MAX_SAMPLES)
+    problem = RegistrationProblem(surfels=surfels, jacobian=None, spacing=spacing)
+    blocks = [
+        block
+        for block in find_overlaps(problem, poses.turntable_from_view, max_correspondence_distance)
+        if lasers[block.a] != lasers[block.b]
     ]
-    if not pairs:
+    if not blocks:
         return None
-    left = np.concatenate([each.residuals for each in pairs])
-    rms = trimmed_rms(left)
-    noise = float(np.median(np.concatenate([each.sigma for each in pairs])))
+    residuals = np.concatenate([block.residuals for block in blocks])
+    rms = trimmed_rms(residuals)
+    noise = float(np.median(np.concatenate([block.sigma for block in blocks])))
     advice = ''
-    if rms > _LIMIT * noise:
+    if rms > _MAX_NOISE_RATIO * noise:
         advice = (
-            f'the lasers see the same surface {rms * 1e3:.3f} mm apart, {rms / noise:.0f} times '
-            'their noise: calibrate the laser planes and the axis again, or let this scan '
+            f'the lasers measure the same surface {rms * 1e3:.3f} mm apart, {rms / noise:.0f} '
+            'times their noise: calibrate the laser planes and the axis again, or let this scan '
             'correct them (refine axis, angle, lasers)'
         )
-    return Misfit(rms=rms, noise=noise, pieces=len(left), advice=advice)
+    return Misfit(rms=rms, noise=noise, pieces=len(residuals), advice=advice)

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.surfaces import block
 from support.surfaces import empty
 from support.surfaces import moved
 from support.surfaces import slip
+from support.surfaces import wavy_view
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.errors import ParameterError
@@ -19,12 +19,12 @@ METHODS = ('paper', 'point_to_plane')
 
 @pytest.mark.parametrize('method', METHODS)
 def test_slip_between_views_is_found(method):
-    # less than half the sampling: beyond it the paper's method takes the next point for its own
-    views = [block(0), moved(block(1), transforms.invert(slip(0.3, 0.1)))]
+    # less than half the sampling: beyond it the paper's method matches the next point
+    views = [wavy_view(0), moved(wavy_view(1), transforms.invert(slip(0.3, 0.1)))]
     poses, verdicts = align(views, method)
     assert np.array_equal(poses.turntable_from_view[0], np.eye(4))
     back = transforms.apply(poses.turntable_from_view[1], views[1].cloud())
-    assert np.linalg.norm(back - block().cloud(), axis=1).max() < 1e-6
+    assert np.linalg.norm(back - wavy_view().cloud(), axis=1).max() < 1e-6
     verdict = verdicts[1]
     assert (verdict.view, verdict.applied, verdict.why) == (1, True, 'moved')
     assert verdict.overlap > 0.95
@@ -34,8 +34,8 @@ def test_slip_between_views_is_found(method):
 
 
 def test_slip_is_found_where_the_views_have_other_points():
-    source = block(1, offset=2e-4)
-    views = [block(0), moved(source, transforms.invert(slip(0.4, 0.6)))]
+    source = wavy_view(1, offset=2e-4)
+    views = [wavy_view(0), moved(source, transforms.invert(slip(0.4, 0.6)))]
     poses, verdicts = align(views, 'point_to_plane')
     back = transforms.apply(poses.turntable_from_view[1], views[1].cloud())
     assert np.linalg.norm(back - source.cloud(), axis=1).max() < 2e-5
@@ -45,7 +45,7 @@ def test_slip_is_found_where_the_views_have_other_points():
 
 def test_third_view_is_moved_onto_the_two_before_it():
     # the third one lies half on each of the others, and these do not touch
-    whole = block(0, 120, 150)
+    whole = wavy_view(0, 120, 150)
     left, right = np.zeros((2, *whole.valid.shape), dtype=bool)
     left[:, 70:], right[:, :80] = True, True
     T = transforms.invert(slip(0.3, 0.2))
@@ -62,7 +62,7 @@ def test_third_view_is_moved_onto_the_two_before_it():
 @pytest.mark.parametrize('method', METHODS)
 def test_table_is_kept_where_views_do_not_overlap(method):
     away = transforms.rigid(np.eye(3), (0.2, 0.0, 0.0))
-    poses, verdicts = align([block(0), moved(block(1), away)], method)
+    poses, verdicts = align([wavy_view(0), moved(wavy_view(1), away)], method)
     assert np.array_equal(poses.turntable_from_view, np.tile(np.eye(4), (2, 1, 1)))
     assert not verdicts[1].applied
     assert verdicts[1].why.startswith('not checked: ICP: only 0 points lie within 1.50 mm')
@@ -71,9 +71,9 @@ def test_table_is_kept_where_views_do_not_overlap(method):
 
 def test_table_is_kept_where_little_overlaps():
     # a strip of a tenth of the view is shared, and a slip of 0.3 mm is in it
-    hidden = np.zeros(block().valid.shape, dtype=bool)
+    hidden = np.zeros(wavy_view().valid.shape, dtype=bool)
     hidden[:, 15:] = True
-    poses, verdicts = align([without(block(0), hidden), moved(block(1), slip())], 'paper')
+    poses, verdicts = align([without(wavy_view(0), hidden), moved(wavy_view(1), slip())], 'paper')
     assert np.array_equal(poses.turntable_from_view[1], np.eye(4))
     assert not verdicts[1].applied
     assert 'overlap' in verdicts[1].why
@@ -82,53 +82,53 @@ def test_table_is_kept_where_little_overlaps():
 
 @pytest.mark.parametrize('method', METHODS)
 def test_views_that_agree_stay_where_they_are(method):
-    poses, verdicts = align([block(0), block(1), block(2)], method)
+    poses, verdicts = align([wavy_view(0), wavy_view(1), wavy_view(2)], method)
     assert np.allclose(poses.turntable_from_view, np.eye(4), atol=1e-9)
     assert [verdict.applied for verdict in verdicts] == [False] * 3
-    assert verdicts[1].why == 'table believed: ICP fits no better'
+    assert verdicts[1].why == 'table pose kept: ICP does not improve the fit'
     assert verdicts[1].overlap == 1.0
 
 
 @pytest.mark.parametrize('method', METHODS)
 def test_round_part_does_not_spin(method):
-    # a cylinder, scanned twice at other angles: nothing says by how much it is turned
+    # a cylinder, scanned twice at other angles: its rotation is not observable
     height, angle = np.meshgrid(np.arange(60) * 5e-4, np.arange(90) * np.radians(2), indexing='ij')
     rng = np.random.default_rng(1)
     views = []
     for number, shift in ((0, 0.0), (1, np.radians(0.7))):
         radius = 0.02 + 1e-5 * rng.standard_normal(height.shape)
         x, y = radius * np.cos(angle + shift), radius * np.sin(angle + shift)
-        view = block(number, 60, 90)
+        view = wavy_view(number, 60, 90)
         views.append(replace(view, points_xyz=np.stack([x, y, height], axis=2)))
     poses, verdicts = align(views, method)
     assert np.array_equal(poses.turntable_from_view[1], np.eye(4))
-    assert verdicts[1].why.startswith('table believed')
+    assert verdicts[1].why.startswith('table pose kept')
 
 
-def test_table_is_believed_when_it_shall_be():
-    views = [block(0), moved(block(1), slip())]
+def test_method_table_keeps_the_poses_of_the_table():
+    views = [wavy_view(0), moved(wavy_view(1), slip())]
     poses, verdicts = align(views, 'table')
     assert np.array_equal(poses.turntable_from_view, np.tile(np.eye(4), (2, 1, 1)))
-    assert [verdict.why for verdict in verdicts] == ['reference', 'table believed, not checked']
+    assert [verdict.why for verdict in verdicts] == ['reference', 'table pose kept, not checked']
     assert np.isnan(verdicts[1].rms_before)
 
 
 @pytest.mark.parametrize('place', [0, 1, 2])
-def test_empty_view_is_passed_over(place):
+def test_empty_view_is_ignored(place):
     T = transforms.invert(slip(0.3, 0.2))
-    views = [block(0), moved(block(1), T)]
-    views.insert(place, empty(block(9)))
+    views = [wavy_view(0), moved(wavy_view(1), T)]
+    views.insert(place, empty(wavy_view(9)))
     poses, verdicts = align(views, 'point_to_plane')
     assert len(poses) == len(verdicts) == 3
     assert np.isfinite(poses.turntable_from_view).all()
     full = [k for k in range(3) if k != place]
     back = transforms.apply(poses.turntable_from_view[full[1]], views[full[1]].cloud())
-    assert np.linalg.norm(back - block().cloud(), axis=1).max() < 1e-5
+    assert np.linalg.norm(back - wavy_view().cloud(), axis=1).max() < 1e-5
     assert not verdicts[place].applied
 
 
 def test_single_view_is_the_reference():
-    poses, verdicts = align([block(3)], 'point_to_plane')
+    poses, verdicts = align([wavy_view(3)], 'point_to_plane')
     assert np.array_equal(poses.turntable_from_view, np.eye(4)[None])
     assert [(verdict.view, verdict.why) for verdict in verdicts] == [(3, 'reference')]
 
@@ -139,14 +139,14 @@ def test_no_views_no_poses():
     assert verdicts == []
 
 
-def test_large_views_are_thinned_without_losing_the_slip():
+def test_large_views_are_downsampled_without_losing_the_slip():
     true = slip()
-    views = [block(0, 300, 300), moved(block(1, 300, 300), transforms.invert(true))]
+    views = [wavy_view(0, 300, 300), moved(wavy_view(1, 300, 300), transforms.invert(true))]
     poses, _ = align(views, 'point_to_plane')
     back = transforms.apply(poses.turntable_from_view[1], views[1].cloud())
-    assert np.linalg.norm(back - block(0, 300, 300).cloud(), axis=1).max() < 1e-5
+    assert np.linalg.norm(back - wavy_view(0, 300, 300).cloud(), axis=1).max() < 1e-5
 
 
 def test_unknown_method_is_refused():
     with pytest.raises(ParameterError, match="registration: 'magic' is not one of table, paper"):
-        align([block()], 'magic')
+        align([wavy_view()], 'magic')

@@ -2,20 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 from dataclasses import dataclass
 
-from support.surfaces import block
+from support.surfaces import wavy_view
 
 from ivfmc_ros.registration.arrivals import Arrivals
 
 
 @dataclass
 class Profile:
-    """As much of one as tells which view it is of."""
+    """A profile with nothing but the number of its view."""
 
     view: int
 
 
 def fed(arrivals, *views):
-    """What ``add`` says of profiles of these views."""
+    """Return what ``add`` returns for profiles of these views."""
     return [arrivals.add(Profile(view)) for view in views]
 
 
@@ -28,7 +28,7 @@ def test_a_view_ends_when_none_of_the_last_profiles_is_of_it():
     assert arrivals.next() == []
 
 
-def test_placing_begins_once_at_a_time_and_only_with_something_to_place():
+def test_registration_begins_once_at_a_time_and_only_with_a_complete_view():
     arrivals = Arrivals()
     assert not arrivals.begin()
     fed(arrivals, 0, *[1] * 6)
@@ -38,11 +38,11 @@ def test_placing_begins_once_at_a_time_and_only_with_something_to_place():
     assert arrivals.begin()
 
 
-def test_a_placed_view_has_a_pose_and_takes_no_more_profiles():
+def test_a_registered_view_has_a_pose_and_takes_no_more_profiles():
     arrivals = Arrivals()
     fed(arrivals, 0, *[1] * 6)
     arrivals.next()
-    arrivals.place([block(0)])
+    arrivals.place([wavy_view(0)])
     assert set(arrivals.poses) == {0}
     fed(arrivals, 0, *[1] * 6)
     assert arrivals.next() == []

@@ -37,11 +37,19 @@ def test_known_displacement_is_found_on_the_same_points(method):
     target, normals = corner()
     truth = moved_by()
     source = transforms.apply(transforms.invert(truth), target)
-    found = icp(source, target, normals, np.eye(4), reach=3e-3, method=method, iterations=200)
+    found = icp(
+        source,
+        target,
+        normals,
+        np.eye(4),
+        max_correspondence_distance=3e-3,
+        method=method,
+        iterations=200,
+    )
     assert found.converged
     assert error_of(found.target_from_source, truth, source).max() < 1e-6
     assert found.overlap == 1.0
-    assert found.pairs == len(source)
+    assert found.correspondences == len(source)
     assert found.rms_before > 1e-4
     assert found.rms_after < 1e-6
 
@@ -52,7 +60,15 @@ def test_known_displacement_is_found_on_other_points_of_the_surface(method, tole
     truth = moved_by(0.5, 0.4)
     other, _ = corner(5000, seed=2)
     source = transforms.apply(transforms.invert(truth), other)
-    found = icp(source, target, normals, np.eye(4), reach=2e-3, method=method, iterations=200)
+    found = icp(
+        source,
+        target,
+        normals,
+        np.eye(4),
+        max_correspondence_distance=2e-3,
+        method=method,
+        iterations=200,
+    )
     assert error_of(found.target_from_source, truth, source).max() < tolerance
     assert found.rms_after < found.rms_before
 
@@ -62,7 +78,7 @@ def test_noise_averages_out():
     other, _ = corner(5000, seed=2, noise=3e-5)
     truth = moved_by(0.5, 0.4)
     source = transforms.apply(transforms.invert(truth), other)
-    found = icp(source, target, normals, np.eye(4), reach=2e-3)
+    found = icp(source, target, normals, np.eye(4), max_correspondence_distance=2e-3)
     assert error_of(found.target_from_source, truth, source).max() < 1e-5
     # two clouds of 0.03 mm noise along the normal, without the worst tenth
     assert 2.5e-5 < found.rms_after < 5e-5
@@ -72,18 +88,20 @@ def test_noise_averages_out():
 def test_result_is_rigid(method):
     target, normals = corner()
     source = transforms.apply(moved_by(2.0), target)
-    T = icp(source, target, normals, np.eye(4), reach=3e-3, method=method).target_from_source
+    T = icp(
+        source, target, normals, np.eye(4), max_correspondence_distance=3e-3, method=method
+    ).target_from_source
     assert T.shape == (4, 4)
     assert transforms.is_rotation(T[:3, :3])
     assert T[3].tolist() == [0, 0, 0, 1]
 
 
-def test_guess_is_where_the_search_begins():
+def test_search_starts_at_the_initial_pose():
     target, normals = corner()
     truth = moved_by(40.0, 30.0)
     source = transforms.apply(transforms.invert(truth), target)
     near = moved_by(0.5, 0.2) @ truth
-    found = icp(source, target, normals, near, reach=3e-3)
+    found = icp(source, target, normals, near, max_correspondence_distance=3e-3)
     assert error_of(found.target_from_source, truth, source).max() < 1e-6
     assert found.rms_before < 1e-3
 
@@ -91,8 +109,8 @@ def test_guess_is_where_the_search_begins():
 def test_overlap_is_the_share_of_the_source():
     target, normals = corner()
     source = np.concatenate([target[:1000], target[:3000] + 0.2])
-    found = icp(source, target, normals, np.eye(4), reach=1e-3)
-    assert found.pairs == 1000
+    found = icp(source, target, normals, np.eye(4), max_correspondence_distance=1e-3)
+    assert found.correspondences == 1000
     assert found.overlap == 0.25
 
 
@@ -101,7 +119,7 @@ def test_sense_of_the_normals_does_not_matter(flip):
     target, normals = corner()
     truth = moved_by()
     source = transforms.apply(transforms.invert(truth), target)
-    found = icp(source, target, flip * normals, np.eye(4), reach=3e-3)
+    found = icp(source, target, flip * normals, np.eye(4), max_correspondence_distance=3e-3)
     assert error_of(found.target_from_source, truth, source).max() < 1e-6
 
 
@@ -110,7 +128,7 @@ def test_plane_that_does_not_constrain_stays_finite():
     target = np.column_stack([rng.uniform(0, 0.04, (2000, 2)), np.zeros(2000)])
     normals = np.tile([0.0, 0.0, 1.0], (2000, 1))
     source = target[:1000] + np.array([0.0, 0.0, 3e-4])
-    found = icp(source, target, normals, np.eye(4), reach=1e-3)
+    found = icp(source, target, normals, np.eye(4), max_correspondence_distance=1e-3)
     T = found.target_from_source
     assert np.isfinite(T).all()
     assert np.abs(transforms.apply(T, source)[:, 2]).max() < 1e-5
@@ -128,7 +146,7 @@ def test_few_points_are_refused(method, short, count):
     else:
         target, normals = points[:count], normals[:count]
     with pytest.raises(GeometryError, match=f'ICP: the {short} has {count} points, 30 needed'):
-        icp(source, target, normals, np.eye(4), reach=1e-3, method=method)
+        icp(source, target, normals, np.eye(4), max_correspondence_distance=1e-3, method=method)
 
 
 @pytest.mark.parametrize('where', ['source', 'target'])
@@ -139,14 +157,21 @@ def test_point_that_is_not_finite_is_refused(where, value):
     broken[7, 1] = value
     clouds = (broken, points) if where == 'source' else (points, broken)
     with pytest.raises(GeometryError, match='ICP: a point is not finite'):
-        icp(*clouds, normals, np.eye(4), reach=1e-3)
+        icp(*clouds, normals, np.eye(4), max_correspondence_distance=1e-3)
 
 
 @pytest.mark.parametrize('method', METHODS)
 def test_clouds_that_do_not_overlap_are_refused(method):
     points, normals = corner()
     with pytest.raises(GeometryError, match=r'only 0 points lie within 1\.00 mm'):
-        icp(points + 0.1, points, normals, np.eye(4), reach=1e-3, method=method)
+        icp(
+            points + 0.1,
+            points,
+            normals,
+            np.eye(4),
+            max_correspondence_distance=1e-3,
+            method=method,
+        )
 
 
 def test_unknown_method_is_refused():
@@ -154,4 +179,4 @@ def test_unknown_method_is_refused():
     with pytest.raises(
         ParameterError, match="method: 'magic' is not one of paper, point_to_plane"
     ):
-        icp(points, points, normals, np.eye(4), reach=1e-3, method='magic')
+        icp(points, points, normals, np.eye(4), max_correspondence_distance=1e-3, method='magic')

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.surfaces import block
 from support.surfaces import empty
+from support.surfaces import wavy_view
 
 from ivfmc_ros.model import Poses
 from ivfmc_ros.registration.misfit import laser_misfit
@@ -14,7 +14,7 @@ from ivfmc_ros.registration.misfit import laser_misfit
 def two_lasers(apart):
     """The same surface as two lasers see it, the second by so many metres higher."""
     rng = np.random.default_rng(1)
-    views = [block(0), replace(block(1, offset=1e-4), laser=1)]
+    views = [wavy_view(0), replace(wavy_view(1, offset=1e-4), laser=1)]
     return [
         replace(
             view,
@@ -33,7 +33,7 @@ def test_lasers_that_fit_give_no_advice():
     assert found.advice == ''
 
 
-def test_lasers_that_see_two_objects_are_to_be_calibrated():
+def test_advice_is_to_calibrate_lasers_that_see_the_surface_apart():
     found = laser_misfit(two_lasers(1e-4), Poses.identity(2))
     assert found.rms == pytest.approx(9e-5, rel=0.15)
     assert 'calibrate the laser planes and the axis again' in found.advice
@@ -45,7 +45,7 @@ def test_registered_views_are_judged_where_they_were_put():
     assert laser_misfit(two_lasers(1e-4), poses).advice == ''
 
 
-def test_one_laser_or_nothing_in_common_tells_nothing():
+def test_one_laser_or_no_common_surface_gives_no_misfit():
     views = two_lasers(0.0)
     assert laser_misfit([views[0], replace(views[1], laser=0)], Poses.identity(2)) is None
     assert laser_misfit([views[0], empty(views[1])], Poses.identity(2)) is None

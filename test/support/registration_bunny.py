@@ -19,11 +19,11 @@ from ivfmc_ros.cell import transforms
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import View
 from ivfmc_ros.registration.solver.prior import TablePrior
-from ivfmc_ros.registration.table import joint_poses
+from ivfmc_ros.registration.table import register_jointly
 
 ROWS, COLUMNS = 400, 512
-REACH = 0.012  # metres, of starts that are up to 5 mm and 5 degrees off
-MOST = 7_000  # samples of each scan
+MAX_DISTANCE = 0.012  # metres, of starts that are up to 5 mm and 5 degrees off
+MAX_SAMPLES = 7_000  # samples of each scan
 _FOUND = 0.0015  # metres; pairs for the judgement of both, at the same places
 PRIOR = TablePrior(angle=np.radians(4), tilt=np.radians(4), offset=5e-3, height=5e-3)
 
@@ -104,7 +104,7 @@ def ours(scans: Sequence[Scan], starts: Sequence[Floats]) -> tuple[list[Floats],
     """Return (4, 4) common_from_scan of each, and seconds."""
     begin = time.perf_counter()
     views = [_moved(scan.view, T) for scan, T in zip(scans, starts, strict=True)]
-    poses, _ = joint_poses(views, PRIOR, REACH, most=MOST)
+    poses, _ = register_jointly(views, PRIOR, MAX_DISTANCE, max_samples=MAX_SAMPLES)
     seconds = time.perf_counter() - begin
     found = [P @ T for P, T in zip(poses.turntable_from_view, starts, strict=True)]
     return found, seconds
@@ -144,8 +144,8 @@ def multiway(
     estimation = reg.TransformationEstimationPointToPlane()
     for a, b in combinations(range(len(clouds)), 2):
         T = np.eye(4)
-        for reach in (coarse, fine):
-            T = reg.registration_icp(clouds[a], clouds[b], reach, T, estimation).transformation
+        for distance in (coarse, fine):
+            T = reg.registration_icp(clouds[a], clouds[b], distance, T, estimation).transformation
         information = reg.get_information_matrix_from_point_clouds(clouds[a], clouds[b], fine, T)
         if b == a + 1:
             odometry = T @ odometry

@@ -14,15 +14,15 @@ from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.model import View
 from ivfmc_ros.registration.align import align
-from ivfmc_ros.registration.incremental import Incremental
+from ivfmc_ros.registration.incremental import IncrementalRegistration
 from ivfmc_ros.registration.merge.merge import merge
 from ivfmc_ros.registration.self_calibration.calibration_prior import prior_covariance
-from ivfmc_ros.registration.self_calibration.jacobians import measured
-from ivfmc_ros.registration.self_calibration.jacobians import refined_view
-from ivfmc_ros.registration.self_calibration.parameters import CellUnknowns
+from ivfmc_ros.registration.self_calibration.jacobians import corrected_view
+from ivfmc_ros.registration.self_calibration.jacobians import measured_view
+from ivfmc_ros.registration.self_calibration.parameters import CellParameters
 from ivfmc_ros.registration.self_calibration.refine import refine
-from ivfmc_ros.registration.self_calibration.refine import Refined
-from ivfmc_ros.registration.solver.gauss_newton import pose_values
+from ivfmc_ros.registration.self_calibration.refine import RefinementResult
+from ivfmc_ros.registration.solver.gauss_newton import pose_vector
 from ivfmc_ros.registration.solver.prior import CellPrior
 from ivfmc_ros.registration.solver.prior import TablePrior
 from ivfmc_ros.simulation.bench import axial_plane
@@ -49,7 +49,7 @@ GROUPS = ('axis', 'angle', 'lasers')
 # of each: pictures a turn
 STEPS, BLIND_STEPS, PLAIN_STEPS, SWEEP_STEPS, CLAMPED_STEPS = 400, 200, 100, 240, 120
 REFINED = ('box off the axis', 'flange')
-# of each: which unknowns of a pose its surface does not hold
+# of each: which parameters of a pose its surface does not hold
 PLAIN = {'cylinder': (2, 5), 'sphere': (0, 1, 2), 'plate': (4, 5)}
 
 
@@ -113,7 +113,7 @@ class Corrected(NamedTuple):
     What a refinement came to.
 
     left : share of the error that is left; exact : the same if data had told without any noise
-    what they told clearly; pulls : of the observed unknowns
+    what they told clearly; pulls : of the observed parameters
     """
 
     left: float
@@ -128,7 +128,7 @@ def refined(case: tuple[str, int]) -> Corrected:
     found = refine(believed, views, GROUPS)
     uncorrected = scan.rms(views)
     truth = scan.truth(believed, errors, found.height)
-    exact = scan.rms(_told_exactly(believed, views, found, truth))
+    exact = scan.rms(_without_noise(believed, views, found, truth))
     pulls = [
         Pull(one.name, float(abs(one.value - truth.get(one.name, 0.0)) / one.sigma))
         for one in found.estimates
@@ -141,17 +141,17 @@ def refined(case: tuple[str, int]) -> Corrected:
     )
 
 
-def _told_exactly(
-    believed: Cell, views: list[View], found: Refined, truth: dict[str, float]
+def _without_noise(
+    believed: Cell, views: list[View], found: RefinementResult, truth: dict[str, float]
 ) -> list[View]:
     """Return the views by the most probable cell, had the data no noise where they tell."""
-    unknowns = CellUnknowns(
+    parameters = CellParameters(
         cell=believed, groups=frozenset(GROUPS), height=found.height, prior=CellPrior()
     )
-    prior = prior_covariance(unknowns)
-    true = np.array([truth.get(name, 0.0) for name in unknowns.names])
+    prior = prior_covariance(parameters)
+    true = np.array([truth.get(name, 0.0) for name in parameters.names])
     values = (prior - found.covariance) @ np.linalg.solve(prior, true)
-    return [refined_view(measured(believed, view), unknowns, values) for view in views]
+    return [corrected_view(measured_view(believed, view), parameters, values) for view in views]
 
 
 def known_angle(seed: int) -> float:
@@ -177,7 +177,7 @@ def plain(case: tuple[str, int]) -> tuple[float, float]:
     scan, prior = recording(name), TablePrior()
     _, views = scan.erring(Errors(seed=seed, order=ORDERS[seed % len(ORDERS)]))
     poses, _ = align(views, 'joint', prior=prior)
-    values = pose_values(poses.turntable_from_view[1]) / prior.sigma
+    values = pose_vector(poses.turntable_from_view[1]) / prior.sigma
     moved = float(np.abs(values[list(PLAIN[name])]).max())
     return moved, scan.rms(views, poses) / scan.rms(views)
 
@@ -213,7 +213,7 @@ def placings() -> list[float]:
     seconds = []
     for name in REFINED:
         views, _ = sweeps(name).seed(0)
-        placed = Incremental()
+        placed = IncrementalRegistration()
         for view in views:
             begin = time.perf_counter()
             placed.add(view)

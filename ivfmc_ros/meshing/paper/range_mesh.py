@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Triangles between neighbouring points of neighbouring profiles."""
+"""Range mesh of one view: triangles between neighboring points of neighboring profiles."""
 
 import numpy as np
 
@@ -12,9 +12,9 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Mesh
 from ivfmc_ros.model import View
-from ivfmc_ros.registration.views.assemble import closes
+from ivfmc_ros.registration.views.assemble import is_full_turn
 
-# A triangle seen more obliquely than this (cosine; 87 degrees) is a jump, not a surface.
+# A triangle seen at a more oblique angle than this (cosine; 87 degrees) spans a jump.
 _MIN_FACING = 0.05
 
 
@@ -22,26 +22,26 @@ def range_mesh(cell: Cell, view: View, max_edge: float, chosen: Bools | None = N
     """
     Triangulate one view on its own grid (Ismail et al. 2007).
 
-    Four neighbours make two triangles, split along the shorter diagonal; three make one. A
+    Four neighbors make two triangles, split along the shorter diagonal; three make one. A
     triangle with an edge longer than ``max_edge`` spans a jump and is left out, and so is one
     that the camera could not have seen. The seam of a full turn is closed.
 
-    max_edge : metres
+    max_edge : meters
     chosen : (rows, columns) bool, the points to use; None for all
-    returns : Mesh in ``turntable``, faces counter-clockwise seen from the camera
+    returns : Mesh in the frame of the view, faces counter-clockwise seen from the camera
     """
     used = view.valid if chosen is None else view.valid & chosen
     rows, columns = used.shape
     index = np.arange(rows * columns).reshape(rows, columns)
-    if closes(view):
+    if is_full_turn(view):
         index = np.concatenate([index, index[:, :1]], axis=1)
     points = view.points_xyz.reshape(-1, 3)
     faces = _grid_faces(index, used.ravel(), points)
     corners = points[faces]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     faces = faces[(edges < max_edge).all(axis=1)]
-    faces = _towards_camera(cell, view, faces)
-    return _compact(view, faces)
+    faces = _orient_to_camera(cell, view, faces)
+    return _to_mesh(view, faces)
 
 
 def _grid_faces(index: Ints, used: Bools, points: Floats) -> Ints:
@@ -63,40 +63,41 @@ def _grid_faces(index: Ints, used: Bools, points: Floats) -> Ints:
     return np.asarray(faces[used[faces].all(axis=1)])
 
 
-def _towards_camera(cell: Cell, view: View, faces: Ints) -> Ints:
+def _orient_to_camera(cell: Cell, view: View, faces: Ints) -> Ints:
     """
-    Turn the faces to the camera and drop those that it sees from behind or edge on.
+    Orient the faces to the camera and drop those that it sees from behind or edge on.
 
-    All cells of a grid have the same sense, so one vote decides for all: faces that disagree
-    are folds across a jump.
+    All cells of a grid have the same orientation, so that the sum over all faces decides it;
+    faces that disagree are folds across a jump.
     """
     if not len(faces):
         return faces
     columns = view.valid.shape[1]
-    eyes = cell.turntable.to_part(np.zeros((1, 3)), 0.0) @ _turns(view.angles)
+    cameras = cell.turntable.to_part(np.zeros((1, 3)), 0.0) @ _part_rotations(view.angles)
     corners = view.points_xyz.reshape(-1, 3)[faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    sight = eyes[faces[:, 0] % columns, 0] - corners[:, 0]
-    facing = (across * sight).sum(axis=1)
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    to_camera = cameras[faces[:, 0] % columns, 0] - corners[:, 0]
+    facing = (areas * to_camera).sum(axis=1)
     if facing.sum() < 0:
         faces, facing = faces[:, ::-1], -facing
-    lengths = np.linalg.norm(across, axis=1) * np.linalg.norm(sight, axis=1)
+    lengths = np.linalg.norm(areas, axis=1) * np.linalg.norm(to_camera, axis=1)
     return np.asarray(faces[facing > _MIN_FACING * lengths])
 
 
-def _turns(angles: Floats) -> Floats:
-    """Return (n, 3, 3) so that row vectors in the base, times these, are in the part."""
+def _part_rotations(angles: Floats) -> Floats:
+    """Return (n, 3, 3) that take row vectors from ``turntable_base`` to ``turntable``."""
     return np.asarray(np.swapaxes(transforms.rotation_z(-angles), 1, 2))
 
 
-def _compact(view: View, faces: Ints) -> Mesh:
+def _to_mesh(view: View, faces: Ints) -> Mesh:
+    """Return the mesh of the points that faces use."""
     used, faces = np.unique(faces, return_inverse=True)
     faces = faces.reshape(-1, 3)
     vertices = view.points_xyz.reshape(-1, 3)[used]
     return Mesh(
         vertices_xyz=vertices,
         faces=faces,
-        normals=normals.of_vertices(vertices, faces),
+        normals=normals.vertex_normals(vertices, faces),
         sigma=view.sigma.ravel()[used],
         intensity=view.intensity.ravel()[used],
     )

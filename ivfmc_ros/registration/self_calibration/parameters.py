@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What of a cell can be wrong by a little: the axis, the table's angle, the laser planes."""
+"""Parameters of the self-calibration: axis, periodic table-angle error, laser planes."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -22,17 +22,21 @@ REFINABLE = ('poses', 'axis', 'angle', 'lasers')
 _AXIS = ('axis x', 'axis y', 'axis tilt x', 'axis tilt y')
 _PLANE = ('yaw', 'roll', 'offset')
 
-
-# Share of its prior's sigma by which an unknown is changed for a derivative.
-_PROBE = 0.5
+# Step of a central difference, as a share of the parameter's prior standard deviation.
+_STEP = 0.5
+# A laser plane whose normal is closer to the axis than this (sine of the angle) is level: the
+# axis has no direction in it from which yaw and roll could be measured.
+_MIN_UPRIGHT = 0.1
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Probe:
+class FiniteDifference:
     """
-    The cell with one unknown changed by ``step`` ahead and behind.
+    Two cells for the central difference by one parameter.
 
-    index : of the unknown; laser : the only one whose points move by it, None for all
+    index : of the parameter
+    laser : index of the only laser whose points depend on it; None for all
+    step : change of the parameter in ``ahead`` (``behind``: -step), radians or meters
     """
 
     index: int
@@ -43,12 +47,12 @@ class Probe:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class CellUnknowns:
+class CellParameters:
     """
-    The unknowns of a cell, in a fixed order, and what a value of them makes of it.
+    The C parameters of a cell that are estimated, in a fixed order; 0 is the given cell.
 
-    groups : of ``REFINABLE``, which are unknown; height : metres above the platter of the point
-        of the axis about which axis and planes turn
+    groups : which are estimated, of ``REFINABLE``
+    height : meters above the platter of the point of the axis about which axis and planes rotate
     """
 
     cell: Cell
@@ -58,7 +62,7 @@ class CellUnknowns:
 
     @property
     def names(self) -> list[str]:
-        """What is unknown: radians for angles, tilts, yaws and rolls, metres for the others."""
+        """Names of the parameters. Angles, tilts, yaws, rolls: radians; the others: meters."""
         names: list[str] = []
         if 'axis' in self.groups:
             names += _AXIS
@@ -72,7 +76,7 @@ class CellUnknowns:
 
     @property
     def sigma(self) -> Floats:
-        """(C,) the prior's sigma of each unknown, in its unit."""
+        """(C,) prior standard deviation of each parameter, in its unit."""
         prior = self.prior
         tilt, offset = prior.axis_tilt, prior.axis_offset
         sigma: list[float] = []
@@ -88,7 +92,7 @@ class CellUnknowns:
         return np.array(sigma)
 
     def corrected(self, values: Floats) -> Cell:
-        """Return the cell with (C,) values of the unknowns."""
+        """Return the cell for (C,) values of the parameters."""
         known = dict(zip(self.names, values, strict=True))
         cell = self.cell
         if 'axis' in self.groups:
@@ -108,48 +112,50 @@ class CellUnknowns:
             cell = replace(cell, lasers=lasers)
         return cell
 
-    def angle_error(self, values: Floats, angles: Floats, way: float) -> Floats:
+    def angle_error(self, values: Floats, angles: Floats, direction: float) -> Floats:
         """
-        Return (n,) radians by which the table is ahead of what it reports.
+        Return (n,) radians, true minus reported table angle.
 
-        angles : (n,) radians as reported; way : 1 for a sweep of rising angles, -1 for falling
+        angles : (n,) radians as reported
+        direction : 1 for a sweep of rising angles, -1 for falling
         """
-        return np.asarray(self.angle_basis(angles, way) @ values[self.angle_columns])
+        return np.asarray(self.angle_basis(angles, direction) @ values[self.angle_columns])
 
     @property
     def angle_columns(self) -> slice:
-        """Which of the unknowns are of the table's angle."""
+        """The parameters of the table's angle."""
         if 'angle' not in self.groups:
             return slice(0, 0)
         first = len(_AXIS) if 'axis' in self.groups else 0
         return slice(first, first + 2 * self.prior.orders + 1)
 
-    def angle_basis(self, angles: Floats, way: float) -> Floats:
-        """Return (n, A) by how many radians the table is ahead per unknown of its angle."""
+    def angle_basis(self, angles: Floats, direction: float) -> Floats:
+        """Return (n, A), the derivative of the angle error by the parameters of the angle."""
         if 'angle' not in self.groups:
             return np.zeros((len(angles), 0))
-        turn = np.outer(angles, np.arange(1, self.prior.orders + 1))
+        phase = np.outer(angles, np.arange(1, self.prior.orders + 1))
         basis = np.empty((len(angles), 2 * self.prior.orders + 1))
-        basis[:, 0:-1:2], basis[:, 1:-1:2], basis[:, -1] = np.cos(turn), np.sin(turn), 0.5 * way
+        basis[:, 0:-1:2], basis[:, 1:-1:2] = np.cos(phase), np.sin(phase)
+        basis[:, -1] = 0.5 * direction
         return basis
 
     @cached_property
-    def probes(self) -> list[Probe]:
-        """What is changed for the derivatives by axis and planes; of allowed changes only."""
-        probes = []
+    def finite_differences(self) -> list[FiniteDifference]:
+        """The central differences by axis and planes, without parameters that the prior fixes."""
         lasers = {
             f'{laser.name} {part}': k
             for k, laser in enumerate(self.cell.lasers)
             for part in _PLANE
         }
         angle = range(*self.angle_columns.indices(len(self.names)))
-        for index, (name, step) in enumerate(zip(self.names, _PROBE * self.sigma, strict=True)):
+        steps = []
+        for index, (name, step) in enumerate(zip(self.names, _STEP * self.sigma, strict=True)):
             if index in angle or step == 0.0:
                 continue
             change = np.zeros(len(self.names))
             change[index] = step
-            probes.append(
-                Probe(
+            steps.append(
+                FiniteDifference(
                     index=index,
                     laser=lasers.get(name),
                     step=float(step),
@@ -157,36 +163,36 @@ class CellUnknowns:
                     behind=self.corrected(-change),
                 )
             )
-        return probes
+        return steps
 
     def _plane(self, laser: LaserPlane, yaw: float, roll: float, offset: float) -> LaserPlane:
-        """Turn a plane about the point of it nearest to the middle of the volume."""
-        centre, upright, across = self.frame_of(laser)
+        """Rotate a plane about its point nearest to the middle of the volume, and shift it."""
+        center, upright, across = self.plane_axes(laser)
         turn = Rotation.from_rotvec(yaw * upright + roll * across)
         normal = turn.apply(laser.normal)
         bow = laser.bow
         if bow is not None:
-            moved = centre + turn.apply(bow.center - centre) - offset * normal
+            moved = center + turn.apply(bow.center - center) - offset * normal
             bow = replace(bow, center=moved, along=turn.apply(bow.along))
-        return replace(laser, normal=normal, offset=float(offset - normal @ centre), bow=bow)
+        return replace(laser, normal=normal, offset=float(offset - normal @ center), bow=bow)
 
-    def frame_of(self, laser: LaserPlane) -> tuple[Floats, Floats, Floats]:
-        """Return the centre of a plane (metres), and the axes of its yaw and of its roll."""
+    def plane_axes(self, laser: LaserPlane) -> tuple[Floats, Floats, Floats]:
+        """Return the center of a plane (meters, camera), and the axes of its yaw and roll."""
         base = self.cell.turntable.camera_from_base
         middle = base[:3, :3] @ (0.0, 0.0, self.height) + base[:3, 3]
-        centre = middle - laser.normal * (laser.normal @ middle + laser.offset)
+        center = middle - laser.normal * (laser.normal @ middle + laser.offset)
         upright = base[:3, 2] - laser.normal * (laser.normal @ base[:3, 2])
-        if np.linalg.norm(upright) < 0.1:  # a level sheet: any direction in it
+        if np.linalg.norm(upright) < _MIN_UPRIGHT:  # level: any direction in the plane will do
             upright = base[:3, 0] - laser.normal * (laser.normal @ base[:3, 0])
         upright = upright / np.linalg.norm(upright)
-        return centre, upright, np.cross(laser.normal, upright)
+        return center, upright, np.cross(laser.normal, upright)
 
 
 def require_groups(groups: Collection[str]) -> frozenset[str]:
     """
     Return the groups as a set.
 
-    :raises ParameterError: one is not known
+    :raises ParameterError: a group is not one of ``REFINABLE``
     """
     for group in groups:
         require_one_of('refine', group, REFINABLE)

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The normal equations of all pairs of all views, in six unknowns a view and those of the cell."""
+"""Normal equations of all correspondences in the view poses and the cell's parameters."""
 
 from collections.abc import Callable
 from collections.abc import Sequence
@@ -10,175 +10,195 @@ import numpy as np
 
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
-from ivfmc_ros.registration.solver.correspondences import Pairs
+from ivfmc_ros.registration.solver.correspondences import Correspondences
 
-DOF = 6  # rotation vector (radians) about the frame's origin, translation (metres)
+# Parameters of a pose: rotation vector (radians) about the frame's origin, translation (meters).
+DOF = 6
 
-# Pairs in one cube of this edge err together: their noise is counted once.
-_CLUSTER = 5.0  # in patch spacings
-# Whole regions of this edge are displaced together.
+# Edge of the cubes, in surfel spacings, in which correspondences share neighboring points: their
+# errors are summed before they are squared.
+_CLUSTER = 5.0
+# Edge of the cubes, in surfel spacings, in which the systematic error is one and the same.
 _REGION = 20.0
-# Residuals of so many sigmas are no outliers.
-_ROBUST = 2.5
+# Residuals up to so many sigmas are not treated as outliers.
+_OUTLIER_SIGMAS = 2.5
 
-# (view, (n, 3) points, (n,) patches near them) -> (n, C, 3) metres per unknown of the cell
-SlopesAt = Callable[[int, Floats, Ints], Floats]
+# (view, (n, 3) points, (n,) index of the surfel near each) -> (n, C, 3) meters per parameter
+JacobianAt = Callable[[int, Floats, Ints], Floats]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Slopes:
+class CellJacobian:
     """
-    How the points of every view move with the unknowns of the cell.
+    Derivative of the points of every view by the C parameters of the cell.
 
-    of_patches : of each view, (n, C, 3) metres per unknown
-    at : the same anywhere on the surface. Both views of a pair are asked at one point: between
-        two patches, even a millimetre apart, the table angle differs by what would pass for news
+    at_surfels : for each view, (n, C, 3) meters per unit of a parameter
+    at : the same at any points of the surface. Both views of a correspondence are evaluated at
+        their common midpoint: between two surfels, even a millimeter apart, the table angle
+        differs, which would look like information about the angle
     """
 
-    of_patches: Sequence[Floats]
-    at: SlopesAt
+    at_surfels: Sequence[Floats]
+    at: JacobianAt
 
     @property
-    def unknowns(self) -> int:
-        """How many there are."""
-        return self.of_patches[0].shape[1] if self.of_patches else 0
+    def parameter_count(self) -> int:
+        """C, the number of parameters of the cell."""
+        return self.at_surfels[0].shape[1] if self.at_surfels else 0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Noise:
+class ResidualNoise:
     """
-    How residuals scatter.
+    Noise model of the residuals.
 
-    scale : by which they exceed their claimed sigmas
-    width : metres; beyond it, and beyond what scale and sigma explain, a pair is an outlier
-    lasting : share of a patch's sigma by which whole regions are displaced
+    scale : factor by which residuals exceed their claimed sigmas
+    outlier_width : meters; a residual beyond it, and beyond the noise, is an outlier
+    correlated_fraction : systematic error of whole regions, as a share of a surfel's sigma
     """
 
     scale: float
-    width: float
-    lasting: float
+    outlier_width: float
+    correlated_fraction: float
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class System:
+class NormalEquations:
     """
-    What pairs say about ``6 views + C`` unknowns.
+    Normal equations in ``n = 6 views + C`` parameters.
 
-    The noise of normals pretends to information: any surface seems to have some about any
-    motion. The normals of the two patches of a pair err independently, so that their product is
-    free of it.
+    The noise of normals adds apparent information about every motion. The normals of the two
+    surfels of a correspondence err independently, so that their product is free of this bias.
 
-    information : J_a' W J_b, from the normals of the one side times those of the other
-    curvature : J' W J from the normals between the two, with the noise: by how much the gradient
-        really changes
-    gradient : - J' W r
-    scatter : the gradient's variance as found, from clusters of pairs that err together, and
-        of what patches have wrong over whole regions
+    information : (n, n) J_a' W J_b, with the normals of one side times those of the other
+    hessian : (n, n) J' W J with the bisector of the normals, the Gauss-Newton Hessian
+    gradient : (n,) - J' W r
+    gradient_covariance : (n, n) empirical, from clusters of correspondences with common errors
+        and from the systematic errors of regions
     """
 
     information: Floats
-    curvature: Floats
+    hessian: Floats
     gradient: Floats
-    scatter: Floats
+    gradient_covariance: Floats
 
 
-def robust_scale(blocks: Sequence[Pairs]) -> float:
-    """Return the robust standard deviation of residual over sigma; 1 if there are no pairs."""
-    left = [np.abs(pairs.residuals) / pairs.sigma for pairs in blocks if len(pairs)]
-    return max(1.4826 * float(np.median(np.concatenate(left))), 1e-3) if left else 1.0
+def robust_scale(blocks: Sequence[Correspondences]) -> float:
+    """Return the robust standard deviation (1.4826 MAD) of residual over sigma; 1 for no data."""
+    ratios = [np.abs(block.residuals) / block.sigma for block in blocks if len(block)]
+    return max(1.4826 * float(np.median(np.concatenate(ratios))), 1e-3) if ratios else 1.0
 
 
-def assemble(
-    blocks: Sequence[Pairs], slopes: Slopes | None, views: int, noise: Noise, edge: float | None
-) -> System:
+def build_normal_equations(
+    blocks: Sequence[Correspondences],
+    jacobian: CellJacobian | None,
+    views: int,
+    noise: ResidualNoise,
+    spacing: float | None,
+) -> NormalEquations:
     """
-    Build the normal equations.
+    Sum the normal equations of all correspondences.
 
-    edge : metres, between patches; None while the residuals are the error that is looked for,
-        from which the scatter of noise cannot be told
+    jacobian : of the cell's parameters; None if the cell is fixed
+    spacing : meters, between surfels; None while the residuals are still dominated by the error
+        to be corrected, so that the gradient's covariance cannot be estimated from them
     """
-    size = DOF * views + (slopes.unknowns if slopes else 0)
+    size = DOF * views + (jacobian.parameter_count if jacobian else 0)
     total = [np.zeros((size, size)) for _ in range(3)]
     gradient = np.zeros(size)
-    for pairs in blocks:
-        if not len(pairs):
+    for block in blocks:
+        if not len(block):
             continue
-        where = _columns(pairs, size, views)
-        square = np.ix_(where, where)
-        part = _of_pairs(pairs, slopes, noise, edge)
-        for sums, one in zip(total, (part.information, part.curvature, part.scatter), strict=True):
+        columns = _columns(block, size, views)
+        square = np.ix_(columns, columns)
+        part = _of_block(block, jacobian, noise, spacing)
+        matrices = (part.information, part.hessian, part.gradient_covariance)
+        for sums, one in zip(total, matrices, strict=True):
             sums[square] += one
-        gradient[where] += part.gradient
-    return System(information=total[0], curvature=total[1], gradient=gradient, scatter=total[2])
-
-
-def _of_pairs(pairs: Pairs, slopes: Slopes | None, noise: Noise, edge: float | None) -> System:
-    """Return the normal equations of the pairs of two views, in their 12 + C unknowns."""
-    weight = robust_weight(pairs, noise)[:, None]
-    differ = _differences(pairs, slopes)
-    one = jacobian(pairs, pairs.normals_a, differ)
-    other = jacobian(pairs, pairs.normals_b, differ)
-    both = (one + other) * (0.5 * np.sqrt(weight))
-    cross = (one * weight).T @ other
-    score = -both * (pairs.residuals[:, None] * np.sqrt(weight))
-    curvature = both.T @ both
-    return System(
-        information=(cross + cross.T) / 2,
-        curvature=curvature,
-        gradient=score.sum(axis=0),
-        scatter=curvature
-        if edge is None
-        else _scatter(pairs, score, both, weight, edge, noise.lasting),
+        gradient[columns] += part.gradient
+    return NormalEquations(
+        information=total[0], hessian=total[1], gradient=gradient, gradient_covariance=total[2]
     )
 
 
-def _scatter(
-    pairs: Pairs, score: Floats, both: Floats, weight: Floats, edge: float, share: float
+def _of_block(
+    block: Correspondences,
+    jacobian: CellJacobian | None,
+    noise: ResidualNoise,
+    spacing: float | None,
+) -> NormalEquations:
+    """Return the normal equations of the correspondences of two views, in 12 + C parameters."""
+    weight = robust_weight(block, noise)[:, None]
+    relative = _relative_jacobian(block, jacobian)
+    J_a = residual_jacobian(block, block.normals_a, relative)
+    J_b = residual_jacobian(block, block.normals_b, relative)
+    J = (J_a + J_b) * (0.5 * np.sqrt(weight))
+    cross = (J_a * weight).T @ J_b
+    gradients = -J * (block.residuals[:, None] * np.sqrt(weight))
+    hessian = J.T @ J
+    return NormalEquations(
+        information=(cross + cross.T) / 2,
+        hessian=hessian,
+        gradient=gradients.sum(axis=0),
+        gradient_covariance=hessian
+        if spacing is None
+        else _gradient_covariance(block, gradients, J, weight, spacing, noise.correlated_fraction),
+    )
+
+
+def _gradient_covariance(
+    block: Correspondences,
+    gradients: Floats,
+    J: Floats,
+    weight: Floats,
+    spacing: float,
+    correlated_fraction: float,
 ) -> Floats:
-    clusters = _by_cluster(score, pairs.middle, _CLUSTER * edge)
-    lasting = both * (share * pairs.sigma[:, None] * np.sqrt(weight))
-    regions = _by_cluster(lasting, pairs.middle, _REGION * edge)
+    clusters = _cluster_sums(gradients, block.midpoint, _CLUSTER * spacing)
+    systematic = J * (correlated_fraction * block.sigma[:, None] * np.sqrt(weight))
+    regions = _cluster_sums(systematic, block.midpoint, _REGION * spacing)
     return np.asarray(clusters.T @ clusters + regions.T @ regions)
 
 
-def robust_weight(pairs: Pairs, noise: Noise) -> Floats:
-    """Return (n,) weights in 1/metre^2 (Geman and McClure 1987)."""
-    spread = pairs.sigma * max(noise.scale, 1.0)
-    far = pairs.residuals / np.maximum(_ROBUST * pairs.sigma * noise.scale, noise.width)
-    return np.asarray(1.0 / (spread**2 * (1.0 + far**2) ** 2))
+def robust_weight(block: Correspondences, noise: ResidualNoise) -> Floats:
+    """Return (n,) weights in 1/meter^2 (Geman and McClure 1987)."""
+    spread = block.sigma * max(noise.scale, 1.0)
+    limit = np.maximum(_OUTLIER_SIGMAS * block.sigma * noise.scale, noise.outlier_width)
+    ratio = block.residuals / limit
+    return np.asarray(1.0 / (spread**2 * (1.0 + ratio**2) ** 2))
 
 
-def jacobian(pairs: Pairs, normals: Floats, differ: Floats | None) -> Floats:
+def residual_jacobian(block: Correspondences, normals: Floats, relative: Floats | None) -> Floats:
     """
-    Return (n, 12 + C): how residuals change with the pose of a, of b, and the cell.
+    Return (n, 12 + C), the derivative of residuals by the poses of a and b, and by the cell.
 
-    differ : (n, C, 3) metres per unknown of the cell by which a's point moves more than b's
+    relative : (n, C, 3) meters per parameter of the cell by which a's point moves more than b's
     """
-    moves = np.hstack([np.cross(pairs.middle, normals), normals])
-    if differ is None:
-        return np.hstack([moves, -moves])
-    return np.hstack([moves, -moves, np.einsum('ncd,nd->nc', differ, normals)])
+    pose = np.hstack([np.cross(block.midpoint, normals), normals])
+    if relative is None:
+        return np.hstack([pose, -pose])
+    return np.hstack([pose, -pose, np.einsum('ncd,nd->nc', relative, normals)])
 
 
-def _differences(pairs: Pairs, slopes: Slopes | None) -> Floats | None:
-    if slopes is None or not slopes.unknowns:
+def _relative_jacobian(block: Correspondences, jacobian: CellJacobian | None) -> Floats | None:
+    if jacobian is None or not jacobian.parameter_count:
         return None
-    one = slopes.at(pairs.a, pairs.middle, pairs.i)
-    return np.asarray(one - slopes.at(pairs.b, pairs.middle, pairs.j))
+    of_a = jacobian.at(block.a, block.midpoint, block.index_a)
+    return np.asarray(of_a - jacobian.at(block.b, block.midpoint, block.index_b))
 
 
-def _columns(pairs: Pairs, size: int, views: int) -> Ints:
-    a, b = DOF * pairs.a, DOF * pairs.b
+def _columns(block: Correspondences, size: int, views: int) -> Ints:
+    a, b = DOF * block.a, DOF * block.b
     return np.concatenate(
         [np.arange(a, a + DOF), np.arange(b, b + DOF), np.arange(DOF * views, size)]
     )
 
 
-def _by_cluster(score: Floats, middle: Floats, edge: float) -> Floats:
-    """Return the sums of (n, m) scores over cubes of ``edge`` metres."""
-    cube = np.floor((middle - middle.min(axis=0)) / edge).astype(np.int64)
+def _cluster_sums(values: Floats, points_xyz: Floats, edge: float) -> Floats:
+    """Return the sums of (n, m) values over cubes of ``edge`` meters."""
+    cube = np.floor((points_xyz - points_xyz.min(axis=0)) / edge).astype(np.int64)
     shape = cube.max(axis=0) + 1
     key = (cube[:, 0] * shape[1] + cube[:, 1]) * shape[2] + cube[:, 2]
     order = np.argsort(key, kind='stable')
     starts = np.flatnonzero(np.diff(key[order], prepend=-1))
-    return np.asarray(np.add.reduceat(score[order], starts, axis=0))
+    return np.asarray(np.add.reduceat(values[order], starts, axis=0))

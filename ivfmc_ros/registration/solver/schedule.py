@@ -1,34 +1,39 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How long a solution goes on: to the end, or only to where a first placing may stop."""
+"""Convergence schedule of the registration: iterations and tolerance of each phase."""
 
 from dataclasses import dataclass
 
+# Factor between two successive correspondence distances of the coarse-to-fine schedule.
+_SHRINK = 2.5
+
 
 @dataclass(frozen=True, kw_only=True)
-class Pace:
+class ConvergenceSchedule:
     """
-    How many steps there are at most, and when they may end.
+    Maximum iterations of each phase, and the tolerance that ends a phase.
 
-    coarse : with few patches, for each reach; middle : with all, for each reach but the last
-    fine : with the last reach
-    still : solved when no view moves by more than this share of a patch's sigma
+    coarse : with a subset of the surfels, at each correspondence distance
+    middle : with all surfels, at each distance but the last; 0 skips the phase
+    fine : with all surfels, at the last distance
+    tolerance : converged when no view moves by more than this share of a surfel's sigma
     """
 
     coarse: int = 6
     middle: int = 3
     fine: int = 12
-    still: float = 0.02
+    tolerance: float = 0.02
 
 
-THOROUGH = Pace()
-# For a view that is placed while the next one is taken; all are solved for again at the end.
-QUICK = Pace(coarse=2, middle=0, fine=3, still=0.3)
+THOROUGH = ConvergenceSchedule()
+# For a view that is registered while the next one is being taken. The final registration solves
+# for all views again.
+QUICK = ConvergenceSchedule(coarse=2, middle=0, fine=3, tolerance=0.3)
 
 
-def coarse_reaches(reach: float, last: float) -> list[float]:
-    """Return reaches from the first to the first that is not above the last, metres."""
-    reaches = [reach]
-    while reaches[-1] > last:
-        reaches.append(reaches[-1] / 2.5)
-    return reaches[:-1] if len(reaches) > 1 else reaches
+def coarse_distances(first: float, last: float) -> list[float]:
+    """Return decreasing correspondence distances from ``first`` to above ``last``, meters."""
+    distances = [first]
+    while distances[-1] > last:
+        distances.append(distances[-1] / _SHRINK)
+    return distances[:-1] if len(distances) > 1 else distances

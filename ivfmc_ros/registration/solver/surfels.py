@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Small pieces of surface: a point, a normal, and how well both are known."""
+"""Surfels of a downsampled view: points with a normal and uncertainty, from local quadrics."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,28 +14,35 @@ from ivfmc_ros.cell import transforms
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
-from ivfmc_ros.registration.solver.downsample import Samples
+from ivfmc_ros.registration.solver.downsample import DownsampledView
 
-_NEIGHBOURS = 16
-_LEAST = 9  # a quadric has six coefficients
-_RADIUS = 3.5  # in edges of the samples
-# The neighbours' spread across over along; less is a line, which has no normal.
-_SLIM = 0.08
-# A patch this much rougher than usual lies on an edge.
-_ROUGH = 3.0
+# Neighbors of a fit: at most, and at least (a quadric has six coefficients).
+_NEIGHBORS = 16
+_MIN_NEIGHBORS = 9
+_SEARCH_RADIUS = 3.5  # in sample spacings
+# Least ratio of the neighbors' two in-plane variances: below it they lie on a line, which has no
+# normal.
+_MIN_ASPECT = 0.08
+# Largest weight of a single sample in the surfel's height: above it the fit is that one sample.
+_MAX_WEIGHT = 0.9
+# A fit whose residual exceeds the view's median by this factor lies on an edge.
+_MAX_ROUGHNESS = 3.0
+# Surfels fitted at a time, which bounds the memory.
 _CHUNK = 20_000
 _ARRAYS = ('points_xyz', 'normals', 'sigma', 'sample', 'members', 'weights')
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Patches:
+class Surfels:
     """
-    Pieces of surface of one view.
+    Surface elements of one view.
 
-    points_xyz : (n, 3) metres, on the surface; normals : (n, 3) unit, to the seen side
-    sigma : (n,) metres, of the point along the normal
-    sample : (n,) index of the sample at which the patch was fitted
-    members, weights : (n, k) samples and their share in the patch's height along its normal
+    points_xyz : (n, 3) meters, on the fitted surface
+    normals : (n, 3) unit, to the seen side
+    sigma : (n,) meters, of the point along the normal
+    sample : (n,) index of the sample at which the surfel was fitted
+    members, weights : (n, k) samples of the fit, and their weights in the surfel's height along
+        its normal
     """
 
     points_xyz: Floats
@@ -53,121 +60,125 @@ class Patches:
         """A k-d tree of the points."""
         return cKDTree(self.points_xyz)
 
-    def posed(self, T: Floats) -> 'Patches':
-        """Return the patches moved by a rigid (4, 4) matrix."""
+    def transformed(self, T: Floats) -> 'Surfels':
+        """Return the surfels moved by a rigid (4, 4) matrix."""
         return replace(
             self,
             points_xyz=transforms.apply(T, self.points_xyz),
             normals=self.normals @ T[:3, :3].T,
         )
 
-    def chosen(self, which: Ints | Bools) -> 'Patches':
-        """Return some of the patches."""
-        return Patches(**{name: getattr(self, name)[which] for name in _ARRAYS})
+    def select(self, which: Ints | Bools) -> 'Surfels':
+        """Return the surfels of an index or mask."""
+        return Surfels(**{name: getattr(self, name)[which] for name in _ARRAYS})
 
-    def moved(self, offset: Floats) -> 'Patches':
-        """Return the patches with (n, 3) metres added to their points."""
+    def displaced(self, offset: Floats) -> 'Surfels':
+        """Return the surfels with (n, 3) meters added to their points."""
         return replace(self, points_xyz=self.points_xyz + offset)
 
 
-def fit_patches(samples: Samples, edge: float) -> Patches:
+def fit_surfels(samples: DownsampledView, spacing: float) -> Surfels:
     """
-    Fit a quadric to the neighbours of every sample; leave out edges, lines and lone samples.
+    Fit a quadric to the neighbors of every sample.
 
-    A quadric and not a plane, because a plane through the neighbours on a shaft lies inside of
-    it. edge : metres, between samples
+    Samples at edges, on lines and without neighbors give no surfel. A quadric, because a plane
+    through the neighbors on a shaft lies inside of it.
+
+    spacing : meters, between samples
     """
     tree = cKDTree(samples.points_xyz) if len(samples) else None
-    parts = [
-        _fit(samples, np.arange(first, min(first + _CHUNK, len(samples))), edge, tree)
+    chunks = [
+        _fit(samples, np.arange(first, min(first + _CHUNK, len(samples))), spacing, tree)
         for first in range(0, len(samples), _CHUNK)
     ]
-    if not parts:
-        return _none()
-    rough = np.concatenate([part[1] for part in parts])
-    kept = np.concatenate([part[2] for part in parts])
-    usual = np.median(rough[kept]) if kept.any() else 0.0
-    sound = kept & (rough <= _ROUGH * usual + 1e-9)
-    return joined([part[0] for part in parts]).chosen(sound)
+    if not chunks:
+        return _empty()
+    roughness = np.concatenate([chunk[1] for chunk in chunks])
+    valid = np.concatenate([chunk[2] for chunk in chunks])
+    median = np.median(roughness[valid]) if valid.any() else 0.0
+    smooth = valid & (roughness <= _MAX_ROUGHNESS * median + 1e-9)
+    return concatenate_surfels([chunk[0] for chunk in chunks]).select(smooth)
 
 
 def _fit(
-    samples: Samples, centre: Ints, edge: float, tree: cKDTree | None
-) -> tuple[Patches, Floats, Bools]:
-    """Return the patches at some samples, how rough each is in metres, and which are sound."""
+    samples: DownsampledView, center: Ints, spacing: float, tree: cKDTree | None
+) -> tuple[Surfels, Floats, Bools]:
+    """Return the surfels at some samples, the rms residual of each fit (meters), and validity."""
     points = samples.points_xyz
     distance, members = (tree or cKDTree(points)).query(
-        points[centre], k=_NEIGHBOURS, distance_upper_bound=_RADIUS * edge
+        points[center], k=_NEIGHBORS, distance_upper_bound=_SEARCH_RADIUS * spacing
     )
     known = np.isfinite(distance)
-    members = np.where(known, members, centre[:, None])
-    window = np.where(known, (1 - (np.minimum(distance, 1e9) / (_RADIUS * edge)) ** 2) ** 2, 0.0)
-    local = (points[members] - points[centre][:, None]) / edge
-    frame, slim = _frames(local, window, samples.outward[centre])
+    members = np.where(known, members, center[:, None])
+    ratio = np.minimum(distance, 1e9) / (_SEARCH_RADIUS * spacing)
+    window = np.where(known, (1 - ratio**2) ** 2, 0.0)
+    local = (points[members] - points[center][:, None]) / spacing
+    frame, linear = _frames(local, window, samples.outward[center])
     in_frame = local @ frame
-    weights, slopes, rough = _quadric(in_frame, window)
+    weights, gradient, roughness = _quadric(in_frame, window)
     height = (weights * in_frame[:, :, 2]).sum(axis=1)
-    normals = frame[:, :, 2] - np.einsum('nd,ncd->nc', slopes, frame[:, :, :2])
+    normals = frame[:, :, 2] - np.einsum('nd,ncd->nc', gradient, frame[:, :, :2])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    patches = Patches(
-        points_xyz=points[centre] + edge * height[:, None] * frame[:, :, 2],
+    surfels = Surfels(
+        points_xyz=points[center] + spacing * height[:, None] * frame[:, :, 2],
         normals=normals,
         sigma=np.sqrt(((weights * samples.sigma[members]) ** 2).sum(axis=1)),
-        sample=centre,
+        sample=center,
         members=members,
         weights=weights,
     )
-    sound = (known.sum(axis=1) >= _LEAST) & ~slim & (np.abs(weights).max(axis=1) < 0.9)
-    return patches, edge * rough, sound
+    enough = known.sum(axis=1) >= _MIN_NEIGHBORS
+    valid = enough & ~linear & (np.abs(weights).max(axis=1) < _MAX_WEIGHT)
+    return surfels, spacing * roughness, valid
 
 
 def _frames(local: Floats, window: Floats, outward: Floats) -> tuple[Floats, Bools]:
-    """Return (n, 3, 3) axes in columns, the normal last, and which neighbours are a line."""
+    """Return (n, 3, 3) axes in columns, the normal last, and which neighborhoods are lines."""
     mean = (window[..., None] * local).sum(axis=1) / window.sum(axis=1)[:, None]
-    spread = local - mean[:, None]
-    moment = np.swapaxes(spread * window[..., None], 1, 2) @ spread
-    size, axes = np.linalg.eigh(moment)
+    centered = local - mean[:, None]
+    moment = np.swapaxes(centered * window[..., None], 1, 2) @ centered
+    variance, axes = np.linalg.eigh(moment)
     frame = axes[:, :, [2, 1, 0]]
     inward = (frame[:, :, 2] * outward).sum(axis=1) < 0
     frame[inward] *= -1.0
-    return frame, size[:, 1] < _SLIM * size[:, 2]
+    return frame, variance[:, 1] < _MIN_ASPECT * variance[:, 2]
 
 
 def _quadric(local: Floats, window: Floats) -> tuple[Floats, Floats, Floats]:
     """
     Fit z = c0 + c1 x + c2 y + c3 x^2 + c4 x y + c5 y^2 to (n, k, 3) points.
 
-    returns : (n, k) weights with c0 = sum w z, (n, 2) slopes c1, c2, (n,) rms of what is left
+    returns : (n, k) weights with c0 = sum w z, (n, 2) gradient c1, c2, (n,) rms residual
     """
     x, y, z = np.moveaxis(local, 2, 0)
     basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=2)
     weighted = basis * window[..., None]
-    across = np.swapaxes(weighted, 1, 2)
-    # the ridge only bites where there are too few neighbours, which are left out anyway
-    normal = across @ basis + 1e-9 * np.eye(6)
+    transposed = np.swapaxes(weighted, 1, 2)
+    # the ridge only matters where there are too few neighbors, which give no surfel
+    normal_matrix = transposed @ basis + 1e-9 * np.eye(6)
     # the inverse is symmetric: its first row is its first column
-    asked = np.concatenate(
-        [np.broadcast_to(np.eye(6)[:, :1], (len(z), 6, 1)), across @ z[..., None]], axis=2
+    right_sides = np.concatenate(
+        [np.broadcast_to(np.eye(6)[:, :1], (len(z), 6, 1)), transposed @ z[..., None]], axis=2
     )
-    row, coefficients = np.moveaxis(np.linalg.solve(normal, asked), 2, 0)
-    left = z - (basis @ coefficients[..., None])[..., 0]
-    rough = np.sqrt((window * left**2).sum(axis=1) / window.sum(axis=1))
-    return (weighted @ row[..., None])[..., 0], coefficients[:, 1:3], rough
+    row, coefficients = np.moveaxis(np.linalg.solve(normal_matrix, right_sides), 2, 0)
+    residual = z - (basis @ coefficients[..., None])[..., 0]
+    rms = np.sqrt((window * residual**2).sum(axis=1) / window.sum(axis=1))
+    return (weighted @ row[..., None])[..., 0], coefficients[:, 1:3], rms
 
 
-def joined(parts: Sequence[Patches]) -> Patches:
-    """Return all patches in one; samples and members stay those of each view."""
-    return Patches(
+def concatenate_surfels(parts: Sequence[Surfels]) -> Surfels:
+    """Return all surfels as one set; ``sample`` and ``members`` keep the indices of each view."""
+    return Surfels(
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS}
     )
 
 
-def _none() -> Patches:
-    return Patches(
+def _empty() -> Surfels:
+    return Surfels(
         points_xyz=np.empty((0, 3)),
         normals=np.empty((0, 3)),
         sigma=np.empty(0),
         sample=np.empty(0, dtype=np.int64),
-        members=np.empty((0, _NEIGHBOURS), dtype=np.int64),
-        weights=np.empty((0, _NEIGHBOURS)),
+        members=np.empty((0, _NEIGHBORS), dtype=np.int64),
+        weights=np.empty((0, _NEIGHBORS)),
     )

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What became of each view in the registration, and how sure that is."""
+"""Outcome of the registration of each view: overlap, fit, observability, and what was applied."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ivfmc_ros.model import Floats
-from ivfmc_ros.registration.solver.correspondences import Pairs
-from ivfmc_ros.registration.solver.degeneracy import CLEARLY
+from ivfmc_ros.registration.solver.correspondences import Correspondences
+from ivfmc_ros.registration.solver.degeneracy import OBSERVABILITY_RATIO
 from ivfmc_ros.registration.solver.normal_equations import DOF
-from ivfmc_ros.registration.solver.normal_equations import System
+from ivfmc_ros.registration.solver.normal_equations import NormalEquations
 
-# A view that shares less than this with the others is not checked.
+# A view that shares a smaller part of its surface with the others is not checked.
 MIN_OVERLAP = 0.1
-# Distances are compared without the worst tenth.
+# Share of the distances that enters a trimmed rms: without the worst tenth.
 _TRIM = 0.9
 _MOTIONS = ('tilt about x', 'tilt about y', 'turn about z', 'shift in x', 'shift in y', 'lift')
 
@@ -23,16 +23,17 @@ _MOTIONS = ('tilt about x', 'tilt about y', 'turn about z', 'shift in x', 'shift
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
     """
-    What became of one view.
+    Result of the registration of one view.
 
-    applied : the view was moved; otherwise it stays where the table put it, and why says so
-    overlap : share of the view's points with a partner in another view
-    inliers : share of the partners that fit
-    rms_before, rms_after : metres, of the partners' distances along the surface's normal
-    rotation, translation : radians and metres of what was found
-    sigmas : the largest component of that, in sigmas of the table's prior
-    weakest : the motion that the shared surface tells least about
-    free : how many of six motions it does not tell better than the table
+    view : number of the view
+    applied : the pose was corrected; otherwise the table's pose is kept and ``why`` says why
+    overlap : share of the view's points with a correspondence in another view
+    rms_before, rms_after : meters, trimmed, of the distances along the surface's normal
+    rotation, translation : radians and meters of the correction that was found
+    inliers : share of the correspondences within three robust deviations
+    sigmas : largest component of the correction, in prior standard deviations
+    weakest : the motion that the shared surface constrains least
+    free : how many of the six motions the data do not determine better than the prior
     """
 
     view: int
@@ -51,18 +52,19 @@ class Verdict:
 
     @property
     def checked(self) -> bool:
-        """Enough surface was shared with other views to tell where it belongs."""
+        """Whether the view shares enough surface with others for its pose to be checked."""
         return self.overlap >= MIN_OVERLAP
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fit:
+class FitQuality:
     """
-    How one view fits the others.
+    How well one view fits the others.
 
-    overlap : share of its patches with a partner; rms : metres, along the normal, trimmed
-    inliers : share of the pairs within three robust deviations
-    noise : metres, what the points' own sigmas explain of rms
+    overlap : share of its surfels with a correspondence
+    rms : meters, along the normal, trimmed
+    inliers : share of the correspondences within three robust deviations
+    noise : meters, the rms that the points' own sigmas explain
     """
 
     overlap: float
@@ -71,41 +73,49 @@ class Fit:
     noise: float
 
 
-def fit_of(view: int, blocks: Sequence[Pairs], patches: int) -> Fit:
-    """Return how a view of so many patches fits, by the pairs in which it is ``a``."""
-    own = [pairs for pairs in blocks if pairs.a == view]
+def fit_quality(view: int, blocks: Sequence[Correspondences], surfels: int) -> FitQuality:
+    """
+    Return the fit of a view from the correspondences in which it is ``a``.
+
+    surfels : how many the view has
+    """
+    own = [block for block in blocks if block.a == view]
     if not own:
-        return Fit(overlap=0.0, rms=float('nan'), inliers=float('nan'), noise=0.0)
-    touched = np.zeros(patches, dtype=bool)
-    for pairs in own:
-        touched[pairs.i] = True
-    left = np.concatenate([pairs.residuals for pairs in own])
-    usual = 1.4826 * float(np.median(np.abs(left)))
-    return Fit(
-        overlap=float(touched.mean()),
-        rms=trimmed_rms(left),
-        inliers=float(np.mean(np.abs(left) <= 3.0 * usual)),
-        noise=float(np.median(np.concatenate([pairs.sigma for pairs in own]))),
+        return FitQuality(overlap=0.0, rms=float('nan'), inliers=float('nan'), noise=0.0)
+    matched = np.zeros(surfels, dtype=bool)
+    for block in own:
+        matched[block.index_a] = True
+    residuals = np.concatenate([block.residuals for block in own])
+    deviation = 1.4826 * float(np.median(np.abs(residuals)))
+    return FitQuality(
+        overlap=float(matched.mean()),
+        rms=trimmed_rms(residuals),
+        inliers=float(np.mean(np.abs(residuals) <= 3.0 * deviation)),
+        noise=float(np.median(np.concatenate([block.sigma for block in own]))),
     )
 
 
 def trimmed_rms(distance: Floats) -> float:
-    """Return the rms of distances without the worst tenth; NaN if there are none."""
+    """Return the rms of (n,) distances without the worst tenth; NaN if there are none."""
     if not len(distance):
         return float('nan')
     best = np.sort(np.abs(distance))[: int(np.ceil(_TRIM * len(distance)))]
     return float(np.sqrt(np.mean(best**2)))
 
 
-def weakest_motion(system: System, view: int, sigma: Floats) -> tuple[str, int]:
+def least_observable_motion(
+    equations: NormalEquations, view: int, sigma: Floats
+) -> tuple[str, int]:
     """
-    Return which motion of one view, the others held, the data tell least, and how many too little.
+    Return the motion of a view that the data constrain least, and how many are unobservable.
 
-    sigma : (6,) the table's prior, which measures all motions alike
+    The other views are held fixed.
+
+    sigma : (6,) prior standard deviations, which make the motions comparable
     """
     own = slice(DOF * view, DOF * (view + 1))
-    information = sigma[:, None] * system.information[own, own] * sigma
-    level, motions = np.linalg.eigh(information)
+    information = sigma[:, None] * equations.information[own, own] * sigma
+    eigenvalues, motions = np.linalg.eigh(information)
     weakest = motions[:, 0]
     name = _MOTIONS[int(np.argmax(np.abs(weakest)))]
-    return name, int((level <= CLEARLY).sum())
+    return name, int((eigenvalues <= OBSERVABILITY_RATIO).sum())

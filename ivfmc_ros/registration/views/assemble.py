@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Profiles of one sweep, put side by side as an organised cloud."""
+"""Assembly of the profiles of a sweep into an organized point cloud (a view), and its geometry."""
 
 from collections import defaultdict
 from collections.abc import Iterable
@@ -21,15 +21,18 @@ from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Profile
 from ivfmc_ros.model import View
 
-# A seam of so many steps is still neighbours.
-_SEAM_STEPS = 4.0
-# Points nearer than this (metres) are one point that is there twice.
-_SAME_PLACE = 1e-9
+# A full turn may end with a gap of so many angle steps (lost steps of the table), and may overlap
+# its beginning by so many.
+_MAX_GAP_STEPS, _MAX_OVERLAP_STEPS = 4.0, 1.5
+# Points closer than this, meters, are duplicates.
+_DUPLICATE_DISTANCE = 1e-9
 
 
 def assemble(cell: Cell, profiles: Iterable[Profile]) -> list[View]:
     """
-    Sort profiles into views, one for each view number, ascending.
+    Assemble profiles into views, one for each view number, ascending.
+
+    Rows are image lines of the laser's stripe, columns are profiles by ascending angle.
 
     :raises GeometryError: a view number holds profiles of two lasers
     """
@@ -43,7 +46,7 @@ def _assemble_one(cell: Cell, number: int, profiles: Sequence[Profile]) -> View:
     lasers = {profile.laser for profile in profiles}
     if len(lasers) > 1:
         raise GeometryError(
-            f'view {number}: has profiles of lasers {sorted(lasers)}; a view is one'
+            f'view {number}: has profiles of lasers {sorted(lasers)}; a view must be of one laser'
         )
     profiles = sorted(profiles, key=lambda profile: profile.angle)
     laser = cell.lasers[profiles[0].laser]
@@ -67,14 +70,14 @@ def _assemble_one(cell: Cell, number: int, profiles: Sequence[Profile]) -> View:
         uv=grid('uv', 2),
         angles=np.array([profile.angle for profile in profiles]),
         seqs=np.array([profile.seq for profile in profiles], dtype=np.int64),
-        color=_colours(profiles, shape, row, column),
+        color=_colors(profiles, shape, row, column),
     )
 
 
-def _colours(
+def _colors(
     profiles: Sequence[Profile], shape: tuple[int, int], row: Ints, column: Ints
 ) -> Bytes | None:
-    """Return the colours of a view's points; None where any profile has none."""
+    """Return the colors of a view's points; None if a profile has no color."""
     known = [profile.color for profile in profiles if profile.color is not None]
     if len(known) < len(profiles):
         return None
@@ -83,64 +86,67 @@ def _colours(
     return color
 
 
-def closes(view: View) -> bool:
+def is_full_turn(view: View) -> bool:
     """
-    Tell whether the sweep is a full turn, so that its last column neighbours its first.
+    Return whether the sweep is a full turn, so that the last column is adjacent to the first.
 
-    A table that loses steps ends a little before the turn is full; what the gap may span is
-    decided by the length of the edges across it.
+    A table that loses steps leaves a gap; whether surface is built across it is decided by edge
+    lengths.
     """
     if len(view.angles) < 3:
         return False
     steps = np.diff(view.angles)
     gap = 2.0 * np.pi - (view.angles[-1] - view.angles[0])
-    return bool(-1.5 * np.median(steps) <= gap <= _SEAM_STEPS * np.median(steps))
+    step = np.median(steps)
+    return bool(-_MAX_OVERLAP_STEPS * step <= gap <= _MAX_GAP_STEPS * step)
 
 
 def spacing(view: View) -> float:
     """
-    Return the median distance of neighbouring points of a view, metres; NaN if none.
+    Return the median distance of adjacent points of a view, meters; NaN if there are none.
 
-    Points that are there several times count as one.
+    The larger one of the medians along profiles and across them. Duplicate points are ignored.
     """
     points = view.points_xyz
     along = np.linalg.norm(np.diff(points, axis=0), axis=2)
     across = np.linalg.norm(np.diff(points, axis=1), axis=2)
-    known = [steps[np.isfinite(steps) & (steps > _SAME_PLACE)] for steps in (along, across)]
+    known = [
+        steps[np.isfinite(steps) & (steps > _DUPLICATE_DISTANCE)] for steps in (along, across)
+    ]
     return max((float(np.median(steps)) for steps in known if steps.size), default=float('nan'))
 
 
 def grid_normals(view: View) -> Floats:
     """
-    Return the normal of every point that has neighbours on both axes of the grid.
+    Return the normal of every point that has neighbors on both axes of the grid.
 
-    The grid knows which points are neighbours on the surface; a search by distance does not when
-    profiles lie farther apart than the points of one profile. The sense of a normal is arbitrary.
+    Neighbors are taken from the grid: a search by distance would find points of one profile only
+    where profiles are farther apart than these. The sense of a normal is arbitrary.
 
     returns : (rows, columns, 3) float64, unit; NaN where it is unknown
     """
     points = view.points_xyz
-    if closes(view):
+    if is_full_turn(view):
         points = np.concatenate([points[:, -1:], points, points[:, :1]], axis=1)
     down, right = np.full_like(points, np.nan), np.full_like(points, np.nan)
     down[1:-1] = points[2:] - points[:-2]
     right[:, 1:-1] = points[:, 2:] - points[:, :-2]
     across = np.cross(down, right)
-    if closes(view):
+    if is_full_turn(view):
         across = across[:, 1:-1]
     with np.errstate(invalid='ignore'):
         return np.asarray(across / np.linalg.norm(across, axis=2, keepdims=True))
 
 
-def sight_of(cell: Cell, view: View) -> Floats:
-    """Return (n, 3) metres in ``turntable`` from the view's valid points to the camera."""
+def viewing_vectors(cell: Cell, view: View) -> Floats:
+    """Return (n, 3) meters in ``turntable``, vectors from the valid points to the camera."""
     eye = cell.turntable.to_part(np.zeros((1, 3)), 0.0)
     eyes = np.concatenate([eye @ R.T for R in transforms.rotation_z(-view.angles)])
     return np.asarray((eyes[None] - view.points_xyz)[view.valid])
 
 
 def without(view: View, removed: Bools) -> View:
-    """Return the view with the points of a (rows, columns) mask made NaN."""
+    """Return the view with the points of a (rows, columns) bool mask set to NaN."""
     gone = removed[..., None]
     return replace(
         view,
@@ -151,34 +157,38 @@ def without(view: View, removed: Bools) -> View:
     )
 
 
-def islands(view: View, reach: float, least: int) -> Bools:
+def flying_points(view: View, max_distance: float, min_points: int) -> Bools:
     """
-    Find flying points: pieces of fewer than ``least`` points that hang together.
+    Find flying points: connected components of fewer than ``min_points`` points.
 
-    Neighbours are the next valid rows and columns of the grid, no farther than ``reach`` metres.
+    Points are connected if they are adjacent in the grid and not farther than ``max_distance``
+    meters apart.
 
     returns : (rows, columns) bool, true for the points to remove
     """
     rows, columns = view.valid.shape
     index = np.arange(rows * columns).reshape(rows, columns)
     points = view.points_xyz
-    pairs = [
-        _near(points[:-1], points[1:], index[:-1], index[1:], reach),
-        _near(points[:, :-1], points[:, 1:], index[:, :-1], index[:, 1:], reach),
-        _near(points[:-1, :-1], points[1:, 1:], index[:-1, :-1], index[1:, 1:], reach),
-        _near(points[1:, :-1], points[:-1, 1:], index[1:, :-1], index[:-1, 1:], reach),
+    edges = [
+        _connected(points[:-1], points[1:], index[:-1], index[1:], max_distance),
+        _connected(points[:, :-1], points[:, 1:], index[:, :-1], index[:, 1:], max_distance),
+        _connected(points[:-1, :-1], points[1:, 1:], index[:-1, :-1], index[1:, 1:], max_distance),
+        _connected(points[1:, :-1], points[:-1, 1:], index[1:, :-1], index[:-1, 1:], max_distance),
     ]
-    if closes(view):
-        pairs.append(_near(points[:, -1], points[:, 0], index[:, -1], index[:, 0], reach))
-    first, second = np.concatenate(pairs, axis=1)
+    if is_full_turn(view):
+        edges.append(
+            _connected(points[:, -1], points[:, 0], index[:, -1], index[:, 0], max_distance)
+        )
+    first, second = np.concatenate(edges, axis=1)
     ones = np.ones(len(first), dtype=bool)
     graph = coo_array((ones, (first, second)), shape=(index.size, index.size))
-    _, piece = connected_components(graph, directed=False)
-    small = np.bincount(piece)[piece] < least
+    _, component = connected_components(graph, directed=False)
+    small = np.bincount(component)[component] < min_points
     return np.asarray(view.valid & small.reshape(rows, columns))
 
 
-def _near(a: Floats, b: Floats, index_a: Ints, index_b: Ints, reach: float) -> Ints:
+def _connected(a: Floats, b: Floats, index_a: Ints, index_b: Ints, max_distance: float) -> Ints:
+    """Return (2, m) indices of the adjacent points that are connected."""
     with np.errstate(invalid='ignore'):
-        near = ((a - b) ** 2).sum(axis=-1) <= reach * reach
-    return np.stack([index_a[near], index_b[near]])
+        connected = ((a - b) ** 2).sum(axis=-1) <= max_distance * max_distance
+    return np.stack([index_a[connected], index_b[connected]])

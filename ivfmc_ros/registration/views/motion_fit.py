@@ -1,15 +1,15 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How the table really turned while a sweep was taken.
+Fit of the table's motion during a sweep: true table angles from delayed position reports.
 
-A board answers 5 to 20 ms after the table was where it says, each time another delay: at 24
-degrees a second that is up to half a degree. Between its lead-in and its lead-out the table turns
-at constant speed, so that a straight line through all reports knows better than each of them.
+A motion controller answers 5 to 20 ms after the table was at the reported position, with a delay
+that varies: at 24 degrees a second this is up to half a degree. Between lead-in and lead-out the
+table turns at constant speed, so that a line fitted to all reports is more accurate than each.
 
-The line is fitted to the profiles themselves, to their stamps and the angles that were
-interpolated from the reports. So whoever has the profiles has all that the fit needs, and a sweep
-is the same live, replayed and reconstructed. A constant delay only turns the whole part.
+The line is fitted to the stamps and provisional angles of the profiles, which were interpolated
+from the reports. No other data are needed, and a sweep gives the same result live, replayed and
+reconstructed. A constant delay only rotates the whole part.
 """
 
 from collections import defaultdict
@@ -26,33 +26,40 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Profile
 
-# Slower than this, rad/s, the table stands: 20 ms of it are 0.04 mrad.
-_STANDS = 2e-3
-# A section with fewer profiles, or shorter (seconds), has no speed that could be fitted.
-_LEAST_PROFILES = 12
-_LEAST_SECONDS = 0.5
-# Answers come up to 20 ms late; what is off by more than this is no constant speed.
-_JITTER_S = 0.025
-# If they differ by so much (rms, seconds), it was not the table's answer that was late.
-_WORST_RMS_S = 0.05
-# Kept clear of where a ramp was seen to end, seconds.
+# The table stands below this speed, rad/s: it moves 0.04 mrad in the 20 ms of a delay.
+_MIN_SPEED = 2e-3
+# Least number of profiles, and duration in seconds, of a section to which a speed is fitted.
+_MIN_PROFILES = 12
+_MIN_SECONDS = 0.5
+# Reports are delayed by up to 20 ms; a larger lag, seconds, belongs to a ramp.
+_MAX_JITTER_S = 0.025
+# A section with a larger rms of the jitter, seconds, was not taken at constant speed.
+_MAX_RMS_S = 0.05
+# Distance in time from the detected end of a ramp, seconds.
 _CLEARANCE_S = 0.1
-_ROUNDS = 20
-# A sweep that is interrupted this long, seconds, is two.
+# Limit of the iterations of a robust fit; it converges in fewer.
+_MAX_ITERATIONS = 20
+# A sweep with a longer interruption, seconds, is fitted in two sections.
 _PAUSE_S = 0.5
-# Before, between and after sweeps the table stands in a few places; in a stepped scan in many.
-_MOST_RESTS = 6
+# A continuous scan stands at few angles (before, between and after sweeps), a stepped one at many.
+_MAX_RESTS = 6
+# Huber's threshold, in robust deviations.
+_HUBER = 1.5
+# Profiles from which the end of a ramp is extrapolated, and the farthest extrapolation, seconds.
+_RAMP_PROFILES = 6
+_MAX_EXTRAPOLATION_S = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motion:
+class SweepMotion:
     """
-    How the table turned while one view was taken.
+    Motion of the table during one view.
 
-    speed : radians per second of the longest section; 0 where it stood at each profile
+    view : number of the view
+    speed : rad/s of the longest section; 0 if the table stood at each profile
     jitter : seconds, rms of the reported positions about the fitted motion
-    used, dropped : profiles at constant speed, and those of a lead-in or lead-out
-    why : says so where the reported angles were kept although the table turned
+    used, dropped : number of profiles at constant speed, and in a lead-in or lead-out
+    why : reason why the reported angles were kept although the table turned; else empty
     """
 
     view: int
@@ -63,15 +70,15 @@ class Motion:
     why: str = ''
 
 
-def refit(profiles: Iterable[Profile]) -> tuple[list[Profile], list[Motion]]:
+def refit(profiles: Iterable[Profile]) -> tuple[list[Profile], list[SweepMotion]]:
     """
-    Replace provisional angles by those of the fitted motion, each view by itself.
+    Replace the provisional table angles by those of the fitted motion, for each view.
 
-    Points are turned about the axis by what their angle changes. Profiles of a lead-in or a
-    lead-out are left out. A view whose profiles were taken while the table stood comes back as
-    it is, and so does one whose table did not turn at a constant speed.
+    Points are rotated about the axis by the change of their angle. Profiles of a lead-in or
+    lead-out are dropped. A view is unchanged if the table stood at its profiles, or did not turn
+    at a constant speed.
 
-    returns : the profiles by view and stamp, and how each view was taken
+    returns : the profiles sorted by view and stamp, and the motion of each view
     """
     views: dict[int, list[Profile]] = defaultdict(list)
     for profile in profiles:
@@ -86,18 +93,18 @@ def refit(profiles: Iterable[Profile]) -> tuple[list[Profile], list[Motion]]:
     return found, motions
 
 
-def _refit_view(number: int, profiles: Sequence[Profile]) -> tuple[list[Profile], Motion]:
+def _refit_view(number: int, profiles: Sequence[Profile]) -> tuple[list[Profile], SweepMotion]:
     stamps = np.array([p.stamp_ns for p in profiles], dtype=np.int64)
     angles = np.array([p.angle for p in profiles])
-    # one report that came late makes the table seem to stand or to turn back
+    # a single delayed report would look like a standing or reversing table
     speeds = _smooth(np.array([p.speed for p in profiles]))
-    if _is_stepped(angles, np.abs(speeds) > _STANDS):
-        return list(profiles), Motion(view=number, used=len(profiles))
+    if _is_stepped(angles, np.abs(speeds) > _MIN_SPEED):
+        return list(profiles), SweepMotion(view=number, used=len(profiles))
     runs = _runs(stamps, speeds)
     sections = [s for s in (_section(stamps, angles, run) for run in runs) if s]
     if not sections:
         why = 'the table turned, but not at a constant speed; the reported angles are used'
-        return list(profiles), Motion(view=number, used=len(profiles), why=why)
+        return list(profiles), SweepMotion(view=number, used=len(profiles), why=why)
     turned = [
         _turned(profiles[index], angle)
         for section in sections
@@ -105,7 +112,7 @@ def _refit_view(number: int, profiles: Sequence[Profile]) -> tuple[list[Profile]
     ]
     longest = max(sections, key=lambda section: len(section.chosen))
     residuals = np.concatenate([section.jitter for section in sections])
-    return turned, Motion(
+    return turned, SweepMotion(
         view=number,
         speed=longest.speed,
         jitter=float(np.sqrt(np.mean(residuals**2))),
@@ -115,16 +122,16 @@ def _refit_view(number: int, profiles: Sequence[Profile]) -> tuple[list[Profile]
 
 
 def _is_stepped(angles: Floats, moving: Bools) -> bool:
-    """Tell whether the table stood at the profiles: before and after a sweep, it stands once."""
+    """Return whether the scan was stepped: the table stood at most profiles, at many angles."""
     if not moving.any():
         return True
-    places = len(np.unique(np.round(angles[~moving], 3)))
-    return places > _MOST_RESTS and bool(2 * np.count_nonzero(moving) <= len(angles))
+    rests = len(np.unique(np.round(angles[~moving], 3)))
+    return rests > _MAX_RESTS and bool(2 * np.count_nonzero(moving) <= len(angles))
 
 
 def _runs(stamps: Ints, speeds: Floats) -> list[Ints]:
-    """Return the indices of the profiles of each unbroken turn of the table in one direction."""
-    indices = np.flatnonzero(np.abs(speeds) > _STANDS)
+    """Return the indices of the profiles of each uninterrupted motion in one direction."""
+    indices = np.flatnonzero(np.abs(speeds) > _MIN_SPEED)
     if not len(indices):
         return []
     pause = np.diff(stamps[indices]) * 1e-9
@@ -137,10 +144,12 @@ def _runs(stamps: Ints, speeds: Floats) -> list[Ints]:
 @dataclass(frozen=True, eq=False)
 class _Section:
     """
-    A part of a sweep at constant speed.
+    Part of a sweep at constant speed.
 
-    chosen : (n,) indices of profiles; angles : (n,) radians, of the fit
+    chosen : (n,) indices of profiles
+    angles : (n,) radians, of the fit
     jitter : (n,) seconds by which the reports were early (negative: late)
+    speed : rad/s
     """
 
     chosen: Ints
@@ -150,44 +159,43 @@ class _Section:
 
 
 def _section(stamps: Ints, angles: Floats, run: Ints) -> _Section | None:
-    """Fit the part of a run that was taken at constant speed; None if there is none."""
-    if len(run) < _LEAST_PROFILES:
+    """Fit the part of a run at constant speed; None if there is none."""
+    if len(run) < _MIN_PROFILES:
         return None
-    # stamps of today lose 200 ns as float64 seconds, their differences nothing
+    # epoch stamps lose 200 ns as float64 seconds; differences are exact
     seconds = (stamps[run] - stamps[run[0]]) * 1e-9
     values = angles[run]
     inside = np.ones(len(run), dtype=bool)
-    for _ in range(_ROUNDS):
-        if np.count_nonzero(inside) < _LEAST_PROFILES or np.ptp(seconds[inside]) < _LEAST_SECONDS:
+    for _ in range(_MAX_ITERATIONS):
+        if np.count_nonzero(inside) < _MIN_PROFILES or np.ptp(seconds[inside]) < _MIN_SECONDS:
             return None
         speed, offset = _line(seconds[inside], values[inside])
-        if abs(speed) <= _STANDS:
+        if abs(speed) <= _MIN_SPEED:
             return None
         late = (values - offset) / speed - seconds
-        steady = _between_ramps(seconds, late)
-        if (steady == inside).all():
+        between = _between_ramps(seconds, late)
+        if (between == inside).all():
             break
-        inside = steady
+        inside = between
     jitter = late[inside]
-    if np.sqrt(np.mean(jitter**2)) > _WORST_RMS_S:
+    if np.sqrt(np.mean(jitter**2)) > _MAX_RMS_S:
         return None
     fitted = offset + speed * seconds[inside]
     return _Section(run[inside], fitted, jitter, float(speed))
 
 
 def _line(x: Floats, y: Floats) -> tuple[float, float]:
-    """Return slope and offset of a line through (n,) points, whatever some of them say."""
-    # a start that outliers and ramps at the ends cannot pull: the median of long slopes
+    """Return slope and offset of a line through (n,) points, robust to outliers (Huber)."""
+    # initial line from the median of slopes over half the length: robust to outliers and ramps
     half = len(x) // 2
     slope = float(np.median((y[half:] - y[: len(y) - half]) / (x[half:] - x[: len(x) - half])))
     offset = float(np.median(y - slope * x))
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ITERATIONS):
         residual = y - offset - slope * x
         scale = 1.4826 * float(np.median(np.abs(residual)))
         if scale <= 1e-12:
             break
-        # Huber's weights: answers that are very late count, but no more than late ones
-        weight = np.minimum(1.0, 1.5 * scale / np.maximum(np.abs(residual), 1e-15))
+        weight = np.minimum(1.0, _HUBER * scale / np.maximum(np.abs(residual), 1e-15))
         mean_x, mean_y = np.average(x, weights=weight), np.average(y, weights=weight)
         dx = x - mean_x
         slope = float((weight * dx * (y - mean_y)).sum() / (weight * dx * dx).sum())
@@ -197,12 +205,14 @@ def _line(x: Floats, y: Floats) -> tuple[float, float]:
 
 def _between_ramps(seconds: Floats, late: Floats) -> Bools:
     """
-    Tell which profiles lie between the lead-in and the lead-out.
+    Return which profiles lie between the lead-in and the lead-out, (n,) bool.
 
-    In a ramp the table is behind (lead-in) or ahead of the line by more and more; answers that
-    are late once are not. What counts is therefore the median of neighbours.
+    In a ramp the lag against the line grows steadily, unlike that of single delayed reports.
+    The lag is therefore smoothed by a running median.
+
+    late : (n,) seconds, lag of each report against the line
     """
-    off = np.abs(_smooth(late) - np.median(late)) > _JITTER_S
+    off = np.abs(_smooth(late) - np.median(late)) > _MAX_JITTER_S
     middle = np.searchsorted(seconds, 0.5 * (seconds[0] + seconds[-1]))
     begin, end = seconds[0], seconds[-1]
     if off[:middle].any():
@@ -213,27 +223,28 @@ def _between_ramps(seconds: Floats, late: Floats) -> Bools:
 
 
 def _smooth(values: Floats) -> Floats:
-    """Return the median of each of (n,) values and its two neighbours on either side."""
+    """Return the running median of (n,) values over five neighbors."""
     padded = np.pad(values, 2, mode='edge')
     return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1))
 
 
 def _ramp_end(seconds: Floats, late: Floats, off: Bools) -> float:
     """
-    Return when the ramp at the beginning of (n,) ascending seconds is over.
+    Return when the ramp at the beginning of (n,) ascending seconds ends, seconds.
 
     At constant acceleration the lag grows with the square of the time before the ramp's end: its
-    root is a line, which is followed to where the lag is nothing.
+    square root is a line, which is extrapolated to zero.
+
+    off : (n,) bool, profiles whose lag shows the ramp
     """
     last = int(np.flatnonzero(off)[-1])
-    ramp = np.flatnonzero(off[: last + 1])[-6:]
+    ramp = np.flatnonzero(off[: last + 1])[-_RAMP_PROFILES:]
     end = float(seconds[last])
     root = np.sqrt(np.abs(late[ramp]))
     if len(ramp) >= 3 and np.ptp(seconds[ramp]) > 0:
         slope, offset = np.polyfit(seconds[ramp], root, 1)
         zero = -offset / slope if slope < 0 else end
-        # a ramp that is hardly seen says little about its end
-        end = float(np.clip(zero, end, end + 0.5))
+        end = float(np.clip(zero, end, end + _MAX_EXTRAPOLATION_S))
     return end + _CLEARANCE_S
 
 

@@ -64,7 +64,7 @@ def test_angle_error_is_found_where_the_lasers_see_it(scan):
     assert abs(known['angle cos 1'].value - ERROR) < 3 * known['angle cos 1'].sigma
     assert abs(known['angle sin 1'].value) < 3 * known['angle sin 1'].sigma
     assert rms(found.views) < 0.7 * rms(views)
-    assert found.cell is CELL  # the angle is the table's, and in no cell.yaml
+    assert found.cell is CELL  # the table angle is not part of cell.yaml
 
 
 def test_wrong_axis_and_plane_are_corrected(scan):
@@ -88,12 +88,12 @@ def test_good_cell_is_confirmed(scan):
     assert found.why.startswith('calibration')
 
 
-def test_single_laser_in_a_single_sweep_checks_nothing(scan):
+def test_single_laser_in_a_single_sweep_is_not_checked(scan):
     sweeps, measured = scan
     (view,) = views_of(CELL, measured[:1], sweeps[:1])
     top = view.points_xyz[..., 2] > 0.039  # would be seen twice, before and beyond the axis
     found = refine(CELL, [without(view, top)], ('axis', 'angle'))
-    assert found.why == 'not checked: no surface was seen twice'
+    assert found.why == 'not checked: no surface was measured twice'
     assert not any(one.observed for one in found.estimates)
 
 
@@ -118,7 +118,7 @@ def test_top_face_shows_a_single_laser_that_its_axis_leans(scan):
     assert found.rms_after < 0.3 * found.rms_before
 
 
-def test_empty_views_check_nothing(scan):
+def test_empty_views_are_not_checked(scan):
     sweeps, measured = scan
     views = [empty(view) for view in views_of(CELL, measured, sweeps)]
     assert refine(CELL, views, ('axis',)).why == 'not checked: no view has a surface'
@@ -144,10 +144,10 @@ def test_orders_that_no_table_needs_are_refused():
 
 def test_prior_of_the_angle_is_shared_by_its_orders():
     prior = CellPrior(angle=2e-3, orders=5)
-    unknowns = CellParameters(cell=CELL, groups=frozenset({'angle'}), height=0.0, prior=prior)
-    coefficients = unknowns.sigma[:-1]
+    parameters = CellParameters(cell=CELL, groups=frozenset({'angle'}), height=0.0, prior=prior)
+    coefficients = parameters.sigma[:-1]
     assert len(coefficients) == 10
-    at = unknowns.angle_basis(np.array([0.3, 2.0]), 1.0)[:, :-1]
+    at = parameters.angle_basis(np.array([0.3, 2.0]), 1.0)[:, :-1]
     np.testing.assert_allclose(np.sqrt((at**2) @ coefficients**2), 2e-3)
 
 

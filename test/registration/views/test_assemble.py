@@ -124,7 +124,7 @@ def test_empty_profiles_keep_their_columns():
 )
 def test_full_turn_closes(angles, expected):
     points = np.zeros((2, len(angles), 3))
-    assert sweeps.closes(grid_view(points, angles)) is expected
+    assert sweeps.is_full_turn(grid_view(points, angles)) is expected
 
 
 def test_spacing_is_the_coarser_of_both_directions():
@@ -168,17 +168,17 @@ def test_flying_points_are_found():
     points = sheet(10, 10)
     points[4:6, 4:6, 2] += 0.01
     points[0, 9] = np.nan
-    found = sweeps.islands(grid_view(points), 2e-3, 5)
+    found = sweeps.flying_points(grid_view(points), 2e-3, 5)
     assert np.argwhere(found).tolist() == [[4, 4], [4, 5], [5, 4], [5, 5]]
-    assert not sweeps.islands(grid_view(points), 2e-3, 4).any()
+    assert not sweeps.flying_points(grid_view(points), 2e-3, 4).any()
 
 
 def test_pieces_that_touch_at_a_corner_hang_together():
     points = np.full((6, 6, 3), np.nan)
     points[:3, :3] = sheet(3, 3)
     points[3:, 3:] = sheet(6, 6)[3:, 3:]
-    assert not sweeps.islands(grid_view(points), 2e-3, 18).any()
-    assert sweeps.islands(grid_view(points), 1.2e-3, 18).sum() == 18
+    assert not sweeps.flying_points(grid_view(points), 2e-3, 18).any()
+    assert sweeps.flying_points(grid_view(points), 1.2e-3, 18).sum() == 18
 
 
 def test_piece_across_the_seam_hangs_together():
@@ -188,15 +188,15 @@ def test_piece_across_the_seam_hangs_together():
     points = np.repeat(ring[None], 4, axis=0) + (np.arange(4)[:, None, None] * [0, 0, 1e-3])
     points[:, 3:-3] = np.nan
     closed = grid_view(points, angles)
-    assert not sweeps.islands(closed, 8e-3, 24).any()
+    assert not sweeps.flying_points(closed, 8e-3, 24).any()
     # the same points in a sweep that does not close are two pieces
     open_sweep = grid_view(points, angles * 0.6)
-    assert sweeps.islands(open_sweep, 8e-3, 24).sum() == 24
+    assert sweeps.flying_points(open_sweep, 8e-3, 24).sum() == 24
 
 
 def test_nothing_has_no_islands():
-    assert not sweeps.islands(grid_view(np.full((4, 4, 3), np.nan)), 1e-3, 5).any()
-    assert sweeps.islands(grid_view(sheet(1, 3)), 2e-3, 4).all()
+    assert not sweeps.flying_points(grid_view(np.full((4, 4, 3), np.nan)), 1e-3, 5).any()
+    assert sweeps.flying_points(grid_view(sheet(1, 3)), 2e-3, 4).all()
 
 
 def test_grid_normals_are_those_of_the_sphere():
