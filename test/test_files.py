@@ -27,7 +27,7 @@ def test_text_is_utf8(tmp_path):
     assert (tmp_path / 'a.txt').read_bytes() == 'σ = 1 µm\n'.encode()
 
 
-def test_nothing_is_left_of_a_block_that_raises(tmp_path):
+def test_block_that_raises_leaves_no_file(tmp_path):
     (tmp_path / 'a.txt').write_text('before')
     with pytest.raises(KeyError), files.atomic_file(tmp_path / 'a.txt') as temporary:
         temporary.write_text('half')
@@ -77,7 +77,7 @@ def test_folder_that_takes_no_files_is_refused():
         files.write_text(Path('/proc/self/a.txt'), 'x')
 
 
-def test_error_without_a_number_is_told(tmp_path):
+def test_error_without_errno_is_reported(tmp_path):
     with (
         pytest.raises(FileError, match=r'a\.txt: cannot be written: the encoder failed'),
         files.atomic_file(tmp_path / 'a.txt'),
@@ -85,7 +85,7 @@ def test_error_without_a_number_is_told(tmp_path):
         raise OSError('the encoder failed')
 
 
-def test_own_error_of_the_block_is_passed_on(tmp_path):
+def test_other_errors_of_the_block_are_raised(tmp_path):
     def fail():
         with files.atomic_file(tmp_path / 'a.txt'):
             raise FileError('b.txt: cannot be read')
@@ -102,7 +102,7 @@ def test_folder_appears_whole(tmp_path):
     assert listing(tmp_path / 'made') == ['out']
 
 
-def test_nothing_is_left_of_a_folder_whose_block_raises(tmp_path):
+def test_block_that_raises_leaves_no_folder(tmp_path):
     with pytest.raises(KeyError), files.atomic_folder(tmp_path / 'out') as temporary:
         (temporary / 'a.txt').write_text('x')
         raise KeyError

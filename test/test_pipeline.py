@@ -17,6 +17,8 @@ from ivfmc_ros.errors import NoStripeError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.meshing.geometry.normals import face_normals
 from ivfmc_ros.model import Frame
+from ivfmc_ros.model import Poses
+from ivfmc_ros.pipeline import mesh_views
 from ivfmc_ros.pipeline import reconstruct
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.simulation.parts.solids import box
@@ -53,7 +55,7 @@ def test_eccentric_sphere_is_rebuilt(scan):
     assert len(scan.mesh.faces) > 10_000
 
 
-def test_nothing_gets_lost_between_the_stages(scan):
+def test_counts_of_the_stages_add_up(scan):
     counts = scan.counts
     assert counts['pictures'] == STEPS
     assert counts['views'] == len(scan.views) == len(scan.poses) == len(scan.verdicts) == 1
@@ -65,7 +67,7 @@ def test_nothing_gets_lost_between_the_stages(scan):
     assert set(scan.seconds) == {'read', 'acquisition', 'views', 'registration', 'meshing'}
 
 
-def test_settings_are_told_as_they_were_used(scan):
+def test_settings_are_returned_as_used(scan):
     assert scan.settings.mesh.max_edge is not None
     assert 1e-3 < scan.settings.mesh.max_edge < 20e-3
     assert scan.settings.acquisition.extract.channel == 'blue+green+red'
@@ -101,7 +103,7 @@ def test_simulated_scan_of_a_box_with_two_lasers_is_rebuilt():
         assert (sense * turned[:, axis] > 0.95).sum() > 300
 
 
-def test_laser_that_saw_nothing_does_not_spoil_the_other():
+def test_laser_without_points_does_not_change_the_other():
     frames = sphere_frames(CELL, SPHERE, 40)
     dark = [replace(frame, laser=1, view=1, seq=40 + frame.seq) for frame in black(40)]
     for order in (frames + dark, dark + frames):
@@ -110,7 +112,7 @@ def test_laser_that_saw_nothing_does_not_spoil_the_other():
         assert found.settings.mesh.max_edge < 20e-3
 
 
-def test_pictures_are_taken_one_at_a_time():
+def test_frames_are_consumed_one_at_a_time():
     alive = []
 
     def frames():
@@ -124,15 +126,31 @@ def test_pictures_are_taken_one_at_a_time():
     assert len(found.samples) <= 12
 
 
-def test_progress_tells_the_stages_in_order():
-    told = []
+def test_progress_reports_the_stages_in_order():
+    calls = []
     frames = sphere_frames(CELL, SPHERE, 30)
-    reconstruct(CELL, frames, total=30, progress=lambda *now: told.append(now))
-    assert [now for now in told if now[0] == 'profiles'] == [
+    reconstruct(CELL, frames, total=30, progress=lambda *now: calls.append(now))
+    assert [now for now in calls if now[0] == 'profiles'] == [
         ('profiles', k, 30) for k in range(1, 31)
     ]
-    stages = list(dict.fromkeys(stage for stage, _, _ in told))
+    stages = list(dict.fromkeys(stage for stage, _, _ in calls))
     assert stages == ['profiles', 'views', 'registration', 'meshing', 'done']
+
+
+def test_surface_below_the_platter_is_kept_of_merged_clampings_only(scan):
+    # the sphere's center is at z = 40 mm: lowered by that, its lower half is below the platter
+    lowered = [
+        replace(view, points_xyz=view.points_xyz - SPHERE.center[2] * np.array([0.0, 0.0, 1.0]))
+        for view in scan.views
+    ]
+    settings = Settings()
+    clampings = [replace(view, number=1 + view.number, clamping=1) for view in lowered]
+    for views, low in ((lowered + lowered, 0.0), (lowered + clampings, -0.01)):
+        mesh, used = mesh_views(CELL, views, Poses.identity(len(views)), settings)
+        assert (used.floor is None) == (low < 0.0)
+        measured = mesh.vertices_xyz[np.isfinite(mesh.sigma)]
+        assert measured[:, 2].min() < low + 1e-3
+        assert (measured[:, 2].min() < -1e-3) == (low < 0.0)
 
 
 @pytest.mark.parametrize('method', ['table', 'paper', 'point_to_plane'])
@@ -171,7 +189,7 @@ def test_scan_of_flying_points_only_is_refused():
 
 def test_single_profile_is_no_surface():
     (frame,) = sphere_frames(CELL, SPHERE, 1)
-    with pytest.raises(GeometryError, match='meshing: no three neighbouring points'):
+    with pytest.raises(GeometryError, match='meshing: no three neighboring points'):
         reconstruct(CELL, [frame])
 
 

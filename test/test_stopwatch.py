@@ -8,7 +8,7 @@ from ivfmc_ros.stopwatch import Stopwatch
 
 @pytest.fixture
 def clock(monkeypatch):
-    """Return a list whose only number is the time; a test moves it on."""
+    """Return a list whose only element is the time of the mocked clock."""
     now = [100.0]
     monkeypatch.setattr(stopwatch.time, 'perf_counter', lambda: now[0])
     return now
@@ -40,7 +40,7 @@ def test_stage_that_fails_is_timed_and_fails(clock):
     assert watch.seconds == {'read': 3.0}
 
 
-def test_only_the_coming_of_items_is_timed(clock):
+def test_only_the_iterator_is_timed(clock):
     def slow():
         for item in 'ab':
             clock[0] += 1.0
@@ -56,7 +56,7 @@ def test_only_the_coming_of_items_is_timed(clock):
     assert watch.seconds == {'read': 2.5}
 
 
-def test_error_of_the_items_comes_through(clock):
+def test_error_of_the_iterator_is_raised(clock):
     def broken():
         yield 1
         raise OSError('cut')

@@ -24,12 +24,12 @@ def test_nearest_point_is_found_with_the_normal_of_its_face():
     assert found.normals == pytest.approx(np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]))
 
 
-def test_distance_to_a_corner_is_measured_aslant():
+def test_distance_to_a_corner_is_euclidean():
     found = box().nearest(np.array([[0.013, 0.019, 0.032]]))
     assert found.distance[0] == pytest.approx(0.013, abs=1e-8)
 
 
-def test_inside_is_negative():
+def test_signed_distance_is_negative_inside():
     points = np.array([[0.0, 0.0, 0.0], [0.012, 0.0, 0.0], [0.009, 0.0, 0.0]])
     assert box().signed_distance(points) == pytest.approx([-0.01, 0.002, -0.001], abs=1e-8)
 
@@ -43,7 +43,7 @@ def test_rays_hit_the_first_face():
     assert hits.normals[:2] == pytest.approx(np.array([[1.0, 0, 0], [0, 0, 1]]))
 
 
-def test_one_direction_serves_all_rays():
+def test_one_direction_is_broadcast_to_all_rays():
     origins = np.array([[0.1, 0.0, 0.0], [0.1, 0.01, 0.01]])
     hits = box().cast(origins, np.array([-1.0, 0.0, 0.0]))
     assert hits.distance == pytest.approx([0.09, 0.09], abs=1e-7)
@@ -55,7 +55,7 @@ def test_ray_from_inside_hits_a_face_from_behind():
     assert hits.normals[0] == pytest.approx([0, 1, 0])
 
 
-def test_no_points_no_answers():
+def test_empty_queries_give_empty_results():
     none = np.empty((0, 3))
     assert box().nearest(none).distance.shape == (0,)
     assert box().cast(none, none).distance.shape == (0,)

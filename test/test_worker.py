@@ -22,18 +22,18 @@ def worker():
     worker.close()
 
 
-def test_a_job_is_done_in_another_process(worker):
+def test_job_runs_in_another_process(worker):
     assert worker.run(os.getpid) != os.getpid()
 
 
-def test_what_a_job_raises_is_raised_here(worker):
+def test_exception_of_a_job_is_raised_in_the_parent(worker):
     with pytest.raises(ScanError, match='ZeroDivisionError'):
         worker.run(divmod, 1, 0)
     with pytest.raises(ParameterError, match='pink'):
         worker.run(channel_weights, 'pink')
 
 
-def test_a_killed_job_is_cancelled_and_the_next_one_is_done(worker, tmp_path):
+def test_killed_job_is_cancelled_and_the_next_one_runs(worker, tmp_path):
     caught = []
     script = tmp_path / 'long.py'
     script.write_text(f'open({str(tmp_path / "started")!r}, "w"); import time; time.sleep(60)')
@@ -55,7 +55,7 @@ def test_a_killed_job_is_cancelled_and_the_next_one_is_done(worker, tmp_path):
     assert worker.run(abs, -3) == 3
 
 
-def test_a_worker_that_dies_is_an_error_and_is_replaced(worker):
+def test_dead_worker_is_reported_and_replaced(worker):
     with pytest.raises(ScanError, match='died'):
         worker.run(os.kill, worker.run(os.getpid), signal.SIGKILL)
     assert worker.run(abs, -3) == 3

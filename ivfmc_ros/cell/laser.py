@@ -33,7 +33,7 @@ class Bow:
 
     center : (3,) meters, on the plane
     along : (3,) unit vector in the plane
-    coefficients : (3,) a, b, c in 1/metre
+    coefficients : (3,) a, b, c in 1/meter
     """
 
     center: Floats

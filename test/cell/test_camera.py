@@ -39,12 +39,12 @@ def test_rays_are_the_inverse_of_project(name):
 
 @pytest.mark.parametrize('name', DISTORTIONS)
 @pytest.mark.parametrize(('along', 'step'), [('u', (1e-3, 0.0)), ('v', (0.0, 1e-3))])
-def test_slopes_are_the_derivative_of_rays(name, along, step):
+def test_jacobian_is_the_derivative_of_rays(name, along, step):
     camera = camera_with(name)
     uv = all_over(camera)
     ahead, behind = camera.rays(uv + step), camera.rays(uv - np.array(step))
-    slopes = camera.ray_jacobian(camera.rays(uv), along)
-    assert np.abs(slopes - (ahead - behind) / 2e-3).max() < 1e-6 * np.abs(slopes).max()
+    jacobian = camera.ray_jacobian(camera.rays(uv), along)
+    assert np.abs(jacobian - (ahead - behind) / 2e-3).max() < 1e-6 * np.abs(jacobian).max()
 
 
 @pytest.mark.parametrize('name', DISTORTIONS)
@@ -78,7 +78,7 @@ def test_rational_model_divides():
     assert camera.project([[x, y, 1.0]])[0, 0] == pytest.approx(u, abs=1e-9)
 
 
-def test_pixel_zero_is_the_centre_of_the_first_pixel():
+def test_pixel_zero_is_the_center_of_the_first_pixel():
     # a principal point in the middle of 640 pixels is 319.5: the outermost rays are symmetric
     camera = small_camera()
     rays = camera.rays([[0.0, 0.0], [639.0, 511.0]])
@@ -102,7 +102,7 @@ def test_pixel_that_the_lens_cannot_reach_has_no_ray():
     assert np.isnan(rays[1, :2]).all()
 
 
-def test_nothing_gives_nothing():
+def test_empty_arrays_give_empty_arrays():
     camera = small_camera()
     assert camera.rays(np.empty((0, 2))).shape == (0, 3)
     assert camera.project(np.empty((0, 3))).shape == (0, 2)

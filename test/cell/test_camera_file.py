@@ -86,7 +86,7 @@ def test_camera_without_a_name_is_read(ost):
     assert load_camera(ost('camera_name: narrow_stereo\n', '')).name == 'camera'
 
 
-def test_camera_comes_back_exactly(tmp_path):
+def test_camera_is_read_as_written(tmp_path):
     rng = np.random.default_rng(1)
     camera = small_camera(
         K=np.array([[1175.0 / 3.0, 0, 319.1], [0, 1174.0 / 7.0, 255.3], [0, 0, 1]]),

@@ -22,7 +22,7 @@ def pose(**changes):
     return T
 
 
-def test_part_comes_back_through_the_camera():
+def test_to_camera_and_to_part_are_inverse():
     table = Turntable(camera_from_base=POSE)
     points = np.random.default_rng(1).uniform(-0.05, 0.05, (50, 3))
     for angle in (0.0, 1.0, -2.5, 7.0):
@@ -46,7 +46,7 @@ def test_part_turns_counter_clockwise():
     assert turned[0] == pytest.approx([0.0, 0.05, 0.4], abs=1e-15)
 
 
-def test_turntable_without_points_gives_none():
+def test_empty_array_of_points_stays_empty():
     assert Turntable(camera_from_base=POSE).to_part(np.empty((0, 3)), 1.0).shape == (0, 3)
 
 
@@ -106,6 +106,6 @@ def test_plane_beside_the_picture_is_refused():
         replace(small_cell(), lasers=(aside,))
 
 
-def test_seen_planes_are_seen():
+def test_visible_planes_are_accepted():
     cell = small_cell()
     assert all(is_visible(cell.camera, laser) for laser in cell.lasers)

@@ -29,7 +29,7 @@ turntable:
                      0, 0, -1, 0.05,
                      -1, 0, 0, 0.4,
                      0, 0, 0, 1]
-  residual_rms: 0.00004        # metres
+  residual_rms: 0.00004        # meters
 lasers:
   - name: left
     plane: [0.8, 0.0, -0.6, 0.24]     # |n| = 1 and n.X + d = 0
@@ -94,7 +94,7 @@ def test_optional_keys_are_read(cell_yaml):
     assert draft.notes == {'temperature_c': 21.5, 'board': {'kind': 'chessboard'}}
 
 
-def test_cell_comes_back_exactly(tmp_path):
+def test_cell_is_read_as_written(tmp_path):
     rng = np.random.default_rng(1)
     cell = small_cell()
     left, right = cell.lasers

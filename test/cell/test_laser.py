@@ -28,7 +28,7 @@ def rays_at(count=400, seed=1):
     return np.column_stack([rng.uniform(-0.25, 0.25, (count, 2)), np.ones(count)])
 
 
-def test_rays_meet_the_plane_in_the_plane():
+def test_intersections_lie_in_the_plane():
     points = sheet().intersect(rays_at())
     assert np.isfinite(points).all()
     assert np.abs(sheet().distance(points)).max() < 1e-15
@@ -36,7 +36,7 @@ def test_rays_meet_the_plane_in_the_plane():
 
 
 @pytest.mark.parametrize('bow', [(0.4, 0.0, 0.0), (0.0, 0.0, -0.3), (0.2, -0.5, 0.3)])
-def test_rays_meet_the_bowed_sheet_in_the_sheet(bow):
+def test_intersections_lie_in_the_bowed_sheet(bow):
     bowed = sheet(bow_of(*bow))
     points = bowed.intersect(rays_at())
     assert np.isfinite(points).all()
@@ -45,7 +45,7 @@ def test_rays_meet_the_bowed_sheet_in_the_sheet(bow):
     assert np.abs(sheet().distance(points)).max() > 1e-3
 
 
-def test_bow_of_nothing_is_a_plane():
+def test_bow_with_zero_coefficients_is_a_plane():
     bowed = sheet(bow_of(0.0, 0.0, 0.0)).intersect(rays_at())
     assert np.allclose(bowed, sheet().intersect(rays_at()), atol=1e-15)
 
@@ -82,7 +82,7 @@ def test_ray_that_passes_a_strong_bow_misses():
     assert np.isnan(points).all()
 
 
-def test_no_rays_no_points():
+def test_no_rays_give_no_points():
     assert sheet().intersect(np.empty((0, 3))).shape == (0, 3)
     assert sheet(bow_of(0.1, 0.1, 0.1)).intersect(np.empty((0, 3))).shape == (0, 3)
 

@@ -13,7 +13,7 @@ def test_positive_rotation_takes_x_to_y():
     assert transforms.rotation_z(np.pi / 2) @ [1, 0, 0] == pytest.approx([0, 1, 0], abs=1e-15)
 
 
-def test_many_rotations_are_the_single_ones():
+def test_array_of_angles_gives_array_of_rotations():
     angles = np.array([0.0, 0.5, -2.0])
     many = transforms.rotation_z(angles)
     assert many.shape == (3, 3, 3)
@@ -21,7 +21,7 @@ def test_many_rotations_are_the_single_ones():
         assert np.array_equal(R, transforms.rotation_z(angle))
 
 
-def test_inverse_undoes():
+def test_inverse_times_matrix_is_identity():
     T = transforms.rigid(ROTATION, (0.1, -0.2, 0.4))
     assert np.allclose(transforms.invert(T) @ T, np.eye(4), atol=1e-15)
     points = np.random.default_rng(1).normal(size=(5, 4, 3))
@@ -35,7 +35,7 @@ def test_apply_is_the_matrix_product():
     assert transforms.apply(T, point[None])[0] == pytest.approx((T @ [*point, 1.0])[:3])
 
 
-def test_rotation_is_known_as_one():
+def test_rotations_are_recognized():
     assert transforms.is_rotation(ROTATION)
 
 
@@ -52,5 +52,5 @@ def test_rotation_is_known_as_one():
     ],
     ids=['inverted', 'mirrored', 'swapped', 'scaled', 'skewed', 'zero', 'nan'],
 )
-def test_what_is_no_rotation_is_not_taken_for_one(R):
+def test_other_matrices_are_not_rotations(R):
     assert not transforms.is_rotation(R)

@@ -7,7 +7,7 @@ from ivfmc_ros.cell.volume import Volume
 from ivfmc_ros.errors import ParameterError
 
 
-def test_points_are_told_apart():
+def test_points_inside_and_outside_are_distinguished():
     volume = Volume(radius=0.05, bottom=0.001, top=0.1)
     points = np.array(
         [

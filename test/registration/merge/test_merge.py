@@ -103,7 +103,7 @@ def test_holes_constrain_a_turn_that_nothing_else_does():
 
 
 def test_regular_bolt_circle_does_not_constrain_the_turn():
-    bolts = [circle(0.0045, centre)[::-1] for centre in 0.040 * np.array(BOLTS)]
+    bolts = [circle(0.0045, center)[::-1] for center in 0.040 * np.array(BOLTS)]
     flange = Layer(low=0.0, high=0.012, bottom=[circle(0.052), *bolts])
     part = stack([flange, Layer(low=0.012, high=0.050, bottom=[circle(0.028)])])
     with pytest.raises(AmbiguousError):
