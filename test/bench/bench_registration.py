@@ -1,11 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Registration: cells and tables that err, parts that do not hold, bunny, clampings, cost.
+Registration bench: errors of cell and table, degenerate parts, bunny, clampings, cost.
 
-All scans are rendered, one a part (or a clamping) for all seeds; the seeds err: table, axis,
-laser plane, slips. What is found in the pictures is kept under build/, so that the first run
-takes longer. Seeds run side by side, times are taken alone.
+All scans are rendered, one per part (or clamping) for all seeds; a seed sets the errors of table,
+axis and laser plane, and the slips. Extracted stripes are cached under build/, so that the first
+run takes longer. Seeds run in parallel, times are measured without other load.
 """
 
 from collections.abc import Iterator
@@ -51,7 +51,7 @@ def run() -> Iterator[Number]:
 
 
 def two_lasers() -> Iterator[Number]:
-    """Angle error, backlash, axis and one plane off: what is left of the error of the shape."""
+    """Errors of angle, backlash, axis and one plane: share of the shape error that is left."""
     for name in parts.REFINED:
         found = mapped(parts.refined, [(name, seed) for seed in range(SEEDS)])
         shares = [one.left for one in found]
@@ -86,14 +86,14 @@ def over_half(shares: list[float]) -> str:
 
 
 def known_angle() -> Iterator[Number]:
-    """The flange on a table that does not err: its depth and its angle cannot be confused."""
+    """The flange on a table without errors: axis depth and table angle are separable."""
     shares = mapped(parts.known_angle, range(SEEDS))
     note = f'{SEEDS} seeds; refine axis, lasers'
     yield from shares_left('flange, angle of the table known', shares, note)
 
 
 def blind_order() -> Iterator[Number]:
-    """Lasers at +-30 degrees see no error of order 6."""
+    """Lasers at +-30 degrees do not observe an error of order 6."""
     found = mapped(parts.blind_order, range(SEEDS))
     note = f'coefficients of order 6 that {SEEDS} seeds claim to observe'
     claimed = sum(one for one, _ in found)
@@ -103,7 +103,7 @@ def blind_order() -> Iterator[Number]:
 
 
 def free_directions() -> Iterator[Number]:
-    """A cylinder, a sphere, a plate: what the surface does not hold must stay."""
+    """Cylinder, sphere, plate: motions that the surface does not constrain must stay zero."""
     found = mapped(parts.plain, product(parts.PLAIN, range(SEEDS)))
     for index, name in enumerate(parts.PLAIN):
         moved, ratio = zip(*found[SEEDS * index : SEEDS * (index + 1)], strict=True)
@@ -134,7 +134,7 @@ def clampings() -> Iterator[Number]:
 
 
 def placings() -> Iterator[Number]:
-    """A view is placed while the table turns."""
+    """Incremental registration of one view while the table turns."""
     seconds = alone(parts.placings)
     note = f'worst {1e3 * max(seconds):.0f} ms; sweeps of {parts.SWEEP_STEPS * 75 // 360} profiles'
     yield Number('a view placed, median', 1e3 * float(np.median(seconds)), 'ms', at_most(20), note)
@@ -171,6 +171,6 @@ def bunny() -> Iterator[Number]:
     yield Number('bunny: time over that of multiway', share, '', at_most(0.5), note)
     conf = [scan.pose for scan in scans]
     for name, answer in (('ours', mean_poses(answers, scans)), ('multiway', theirs[0])):
-        degrees, metres = apart(answer, conf, scans).max(axis=0)
+        degrees, meters = apart(answer, conf, scans).max(axis=0)
         yield Number(f'bunny: {name} from bun.conf', degrees, 'deg')
-        yield Number(f'bunny: {name} from bun.conf, centroid', metres * 1e3, 'mm')
+        yield Number(f'bunny: {name} from bun.conf, centroid', meters * 1e3, 'mm')

@@ -19,7 +19,7 @@ def fed(arrivals, *views):
     return [arrivals.add(Profile(view)) for view in views]
 
 
-def test_a_view_ends_when_none_of_the_last_profiles_is_of_it():
+def test_view_is_complete_when_none_of_the_last_profiles_belongs_to_it():
     arrivals = Arrivals()
     # lasers that take turns do not end each other's views
     assert not any(fed(arrivals, *[0, 1] * 10))

@@ -12,7 +12,7 @@ from ivfmc_ros.registration.misfit import laser_misfit
 
 
 def two_lasers(apart):
-    """The same surface as two lasers see it, the second by so many metres higher."""
+    """The same surface as two lasers see it, the second higher by ``apart`` meters."""
     rng = np.random.default_rng(1)
     views = [wavy_view(0), replace(wavy_view(1, offset=1e-4), laser=1)]
     return [

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scans by a table and a cell that err, without pictures: exact stripes with noise in pixels."""
+"""Scans with known errors of table and cell, from exact stripe positions with pixel noise."""
 
 from collections.abc import Callable
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ class Sweep:
     """
     A run of profiles of one laser.
 
-    commanded, true : (n,) radians, what the table says and where it is
+    commanded, true : (n,) radians, reported and true table angle
     slip : (4, 4) of the part on the table since the first sweep
     """
 
@@ -59,7 +59,7 @@ def turns(
 def stripes(
     cell: Cell, solid: Solid, sweeps: Sequence[Sweep], seed: int | None
 ) -> list[list[Stripe]]:
-    """Return what the camera measures in each profile; without a seed there is no noise."""
+    """Return the stripe of each profile; without a seed there is no noise."""
     found = []
     for sweep in sweeps:
         standing = solid.moved(sweep.slip)
@@ -73,7 +73,7 @@ def stripes(
 
 def _stripe(renderer: StripeRenderer, angle: float, laser: int) -> Stripe:
     truth = renderer.truth(angle, laser)
-    # what a line has twice, the extraction would have once
+    # one point per image line, as the extraction gives
     _, first = np.unique(truth.line, return_index=True)
     ones = np.ones(len(first))
     return Stripe(uv=truth.uv[first], intensity=100 * ones, width=2.5 * ones, sigma=NOISE * ones)
@@ -92,7 +92,7 @@ def profiles_of(
     *,
     true: bool = False,
 ) -> list[Profile]:
-    """Triangulate as ``cell`` says, at commanded (or true) angles."""
+    """Triangulate with ``cell`` at commanded (or true) angles."""
     profiles: list[Profile] = []
     for number, (sweep, lines) in enumerate(zip(sweeps, measured, strict=True)):
         angles = sweep.true if true else sweep.commanded
@@ -116,7 +116,7 @@ def views_of(
     *,
     true: bool = False,
 ) -> list[View]:
-    """Return a view a sweep; true ones are of a part that never slipped."""
+    """Return one view per sweep; with ``true``, of a part that never slipped."""
     views = assemble(cell, profiles_of(cell, measured, sweeps, true=true))
     if not true:
         return views
@@ -130,7 +130,7 @@ def views_of(
 def erring_cell(
     cell: Cell, rng, *, offset: float = 1e-4, tilt: float = 0.05, laser_tilt: float = 0.05
 ) -> Cell:
-    """Return the cell as a calibration took it: axis (m, degrees) and one laser plane off."""
+    """Return the cell with errors of axis (meters, degrees) and of one laser plane."""
     across, way = rng.uniform(0, 2 * np.pi, 2)
     lean = np.radians(tilt) * np.array([np.cos(way), np.sin(way), 0.0])
     error = np.eye(4)

@@ -22,9 +22,9 @@ from ivfmc_ros.registration.solver.prior import TablePrior
 from ivfmc_ros.registration.table import register_jointly
 
 ROWS, COLUMNS = 400, 512
-MAX_DISTANCE = 0.012  # metres, of starts that are up to 5 mm and 5 degrees off
+MAX_DISTANCE = 0.012  # meters, of starts that are up to 5 mm and 5 degrees off
 MAX_SAMPLES = 7_000  # samples of each scan
-_FOUND = 0.0015  # metres; pairs for the judgement of both, at the same places
+_FOUND = 0.0015  # meters; maximum correspondence distance of the comparison, the same for both
 PRIOR = TablePrior(angle=np.radians(4), tilt=np.radians(4), offset=5e-3, height=5e-3)
 
 
@@ -196,7 +196,7 @@ class Judge:
 
 
 def apart(poses: Sequence[Floats], others: Sequence[Floats], scans: Sequence[Scan]) -> Floats:
-    """Return (views, 2): degrees, and metres of the centroid, against the first scan."""
+    """Return (views, 2): degrees, and meters of the centroid, against the first scan."""
     found = []
     for scan, T, S in zip(scans, poses, others, strict=True):
         one = transforms.invert(poses[0]) @ T
@@ -224,17 +224,17 @@ def alike(
     answers: Sequence[Sequence[Floats]],
     scans: Sequence[Scan],
     degrees: float = 0.02,
-    metres: float = 2e-5,
+    meters: float = 2e-5,
 ) -> tuple[int, str]:
     """
-    Return how many answers are the same, and how far all are from their mean, in words.
+    Return how many results agree, and as text the largest deviation from their mean.
 
-    Each answer in turn is what the others are compared with; the fewest that agree count.
+    Each result in turn is the reference; the smallest count is returned.
     """
     agree = []
     for one in answers:
         off = np.array([apart(other, one, scans).max(axis=0) for other in answers])
-        agree.append(int(((off[:, 0] < degrees) & (off[:, 1] < metres)).sum()))
+        agree.append(int(((off[:, 0] < degrees) & (off[:, 1] < meters)).sum()))
     middle = mean_poses(answers, scans)
     turn, shift = np.max([apart(one, middle, scans).max(axis=0) for one in answers], axis=0)
     return min(agree), f'{turn:.4f} degrees, {shift * 1e3:.4f} mm'

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The scans of the registration's bench, and what one seed of each comes to."""
+"""The scans of the registration's bench, and the result of each for one seed."""
 
 from dataclasses import replace
 from functools import cache
@@ -49,7 +49,7 @@ GROUPS = ('axis', 'angle', 'lasers')
 # of each: pictures a turn
 STEPS, BLIND_STEPS, PLAIN_STEPS, SWEEP_STEPS, CLAMPED_STEPS = 400, 200, 100, 240, 120
 REFINED = ('box off the axis', 'flange')
-# of each: which parameters of a pose its surface does not hold
+# of each: components of a pose that its surface does not constrain
 PLAIN = {'cylinder': (2, 5), 'sphere': (0, 1, 2), 'plate': (4, 5)}
 
 
@@ -89,7 +89,7 @@ def sweeps(name: str) -> SlippingSweeps:
 
 
 def all_jobs(seeds: int) -> list[Job]:
-    """Return all that is to be rendered."""
+    """Return all render jobs of the bench."""
     jobs = [job for name in (*REFINED, *PLAIN) for job in recording(name).jobs]
     jobs += blind().jobs
     jobs += [job for name in REFINED for job in sweeps(name).jobs]
@@ -102,7 +102,7 @@ def all_jobs(seeds: int) -> list[Job]:
 
 
 class Pull(NamedTuple):
-    """An unknown that was reported as observed, and its error over its claimed sigma."""
+    """A parameter reported as observed, and its error over its claimed sigma."""
 
     name: str
     size: float
@@ -110,10 +110,11 @@ class Pull(NamedTuple):
 
 class Corrected(NamedTuple):
     """
-    What a refinement came to.
+    Result of a refinement.
 
-    left : share of the error that is left; exact : the same if data had told without any noise
-    what they told clearly; pulls : of the observed parameters
+    left : share of the error that is left
+    exact : the same if the observable directions had no noise
+    pulls : of the observed parameters
     """
 
     left: float
@@ -144,7 +145,7 @@ def refined(case: tuple[str, int]) -> Corrected:
 def _without_noise(
     believed: Cell, views: list[View], found: RefinementResult, truth: dict[str, float]
 ) -> list[View]:
-    """Return the views by the most probable cell, had the data no noise where they tell."""
+    """Return the views for the cell that data without noise would give with the prior."""
     parameters = CellParameters(
         cell=believed, groups=frozenset(GROUPS), height=found.height, prior=CellPrior()
     )
@@ -192,7 +193,7 @@ def slipped(case: tuple[str, int]) -> float:
 
 
 def clamping(seed: int) -> tuple[float | None, float]:
-    """Return how far off the part is put together (metres; None if refused), and seconds."""
+    """Return the displacement of the merged part (meters; None if refused), and seconds."""
     cell, part = bench_cell(), demo_part()
     place = lying(part, seed)
     taken = [
@@ -209,14 +210,14 @@ def clamping(seed: int) -> tuple[float | None, float]:
 
 
 def placings() -> list[float]:
-    """Return the seconds in which each sweep but the first of two scans is placed."""
+    """Return the seconds in which each sweep but the first of two scans is registered."""
     seconds = []
     for name in REFINED:
         views, _ = sweeps(name).seed(0)
-        placed = IncrementalRegistration()
+        registration = IncrementalRegistration()
         for view in views:
             begin = time.perf_counter()
-            placed.add(view)
+            registration.add(view)
             if view.number:
                 seconds.append(time.perf_counter() - begin)
     return seconds

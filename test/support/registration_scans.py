@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scans with known errors, and what is left of the errors after a correction."""
+"""Scans with known errors, and the share of an error that a correction leaves."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -85,12 +85,12 @@ class Recording:
 
     @cached_property
     def perfect(self) -> float:
-        """Return the rms to the CAD with a perfect cell, metres."""
+        """Return the rms to the CAD with a perfect cell, meters."""
         views = views_of(self.cell, self.measured, self.sweeps, true=True)
         return self.rms(views)
 
     def erring(self, errors: Errors) -> tuple[Cell, list[View]]:
-        """Return the cell as it is believed, and the views that it makes of the scan."""
+        """Return the calibrated cell with its errors, and the views of the scan for it."""
         sweeps = [
             replace(
                 sweep,
@@ -104,7 +104,7 @@ class Recording:
         return believed, views_of(believed, self.measured, sweeps)
 
     def truth(self, believed: Cell, errors: Errors, height: float) -> dict[str, float]:
-        """Return by name what the believed cell, and the table, have wrong."""
+        """Return by name the errors of the believed cell and of the table."""
         base = believed.turntable.camera_from_base
         middle = np.array([0.0, 0.0, height])
         error = transforms.invert(base) @ self.cell.turntable.camera_from_base
@@ -121,13 +121,13 @@ class Recording:
         }
         here = transforms.apply(base, middle[None])[0]
         for laser, true in zip(believed.lasers, self.cell.lasers, strict=True):
-            centre = here - laser.normal * (laser.normal @ here + laser.offset)
+            center = here - laser.normal * (laser.normal @ here + laser.offset)
             upright = base[:3, 2] - laser.normal * (laser.normal @ base[:3, 2])
             upright = upright / np.linalg.norm(upright)
             turn = np.cross(laser.normal, true.normal)
             known[f'{laser.name} yaw'] = turn @ upright
             known[f'{laser.name} roll'] = turn @ np.cross(laser.normal, upright)
-            known[f'{laser.name} offset'] = true.normal @ centre + true.offset
+            known[f'{laser.name} offset'] = true.normal @ center + true.offset
         return known
 
     def rms(self, views: Sequence[View], poses: Poses | None = None) -> float:
@@ -141,7 +141,7 @@ def cloud(views: Sequence[View], poses: Poses | None = None) -> Floats:
 
 
 def best_fit_rms(points_xyz: Floats, nominal: Surface) -> float:
-    """Return the rms distance of points from a surface to which they were fitted, metres."""
+    """Return the rms distance of points from a surface to which they were fitted, meters."""
     points = points_xyz[::_STRIDE]
     T = np.eye(4)
     for _ in range(5):

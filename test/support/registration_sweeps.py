@@ -21,7 +21,7 @@ from support.rendered_stripes import stripes_of
 
 SLIP, MOVE = np.radians(0.2), 1e-4
 SWEEPS, OVERLAP = 8, 30  # degrees
-_WAYS = 3  # in which the part is moved; the seeds draw among them
+_WAYS = 3  # directions in which the part is moved; each seed draws one
 
 
 @dataclass(frozen=True, eq=False)

@@ -68,7 +68,7 @@ def test_what_is_not_measured_is_nan():
         assert np.isfinite(values[view.valid]).all()
 
 
-def test_stripe_along_rows_fills_columns_of_the_picture():
+def test_stripe_along_columns_fills_one_row_per_image_column():
     cell = small_cell()
     cell = replace(cell, lasers=(replace(cell.lasers[0], stripe='columns'),))
     uv = np.array([[600.0, 17.3], [601.0, 17.4]])
@@ -122,7 +122,7 @@ def test_empty_profiles_keep_their_columns():
         ([], False),
     ],
 )
-def test_full_turn_closes(angles, expected):
+def test_full_turn_is_recognized(angles, expected):
     points = np.zeros((2, len(angles), 3))
     assert sweeps.is_full_turn(grid_view(points, angles)) is expected
 
@@ -173,7 +173,7 @@ def test_flying_points_are_found():
     assert not sweeps.flying_points(grid_view(points), 2e-3, 4).any()
 
 
-def test_pieces_that_touch_at_a_corner_hang_together():
+def test_diagonal_neighbors_are_connected():
     points = np.full((6, 6, 3), np.nan)
     points[:3, :3] = sheet(3, 3)
     points[3:, 3:] = sheet(6, 6)[3:, 3:]
@@ -181,7 +181,7 @@ def test_pieces_that_touch_at_a_corner_hang_together():
     assert sweeps.flying_points(grid_view(points), 1.2e-3, 18).sum() == 18
 
 
-def test_piece_across_the_seam_hangs_together():
+def test_component_across_the_seam_of_a_full_turn_is_connected():
     columns = 24
     angles = turn(columns)
     ring = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1) * 0.02
@@ -194,7 +194,7 @@ def test_piece_across_the_seam_hangs_together():
     assert sweeps.flying_points(open_sweep, 8e-3, 24).sum() == 24
 
 
-def test_nothing_has_no_islands():
+def test_empty_view_has_no_flying_points():
     assert not sweeps.flying_points(grid_view(np.full((4, 4, 3), np.nan)), 1e-3, 5).any()
     assert sweeps.flying_points(grid_view(sheet(1, 3)), 2e-3, 4).all()
 
@@ -214,5 +214,5 @@ def test_grid_normals_are_those_of_the_sphere():
 
 
 @pytest.mark.parametrize('shape', [(1, 5), (5, 1), (1, 1), (2, 2)])
-def test_grid_without_neighbours_has_no_normals(shape):
+def test_grid_without_neighbors_has_no_normals(shape):
     assert np.isnan(sweeps.grid_normals(grid_view(sheet(*shape)))).all()

@@ -41,7 +41,7 @@ def errors(turn, profiles):
 
 @pytest.mark.parametrize('rate', [5.0, 10.0, 100.0])
 @pytest.mark.parametrize('seed', [0, 1, 2])
-def test_the_fit_is_four_times_nearer_than_the_reports(rate, seed):
+def test_fitted_angles_are_four_times_as_accurate_as_the_reports(rate, seed):
     turn = TrapezoidalMotion()
     measured = profiles_of(turn, rate=rate, seed=seed)
     found, (motion,) = refit(measured)
@@ -72,7 +72,7 @@ def test_a_sweep_without_ramps_loses_nothing():
     assert (len(found), motion.dropped) == (len(shots), 0)
 
 
-def test_two_sweeps_of_one_number_are_fitted_each_by_itself():
+def test_two_sweeps_of_one_view_number_are_fitted_separately():
     first = profiles_of(TrapezoidalMotion(cruise=5.0), shots=np.arange(2.0, 5.0, 1 / 30))
     second = profiles_of(TrapezoidalMotion(cruise=5.0), shots=np.arange(2.0, 5.0, 1 / 30), seed=1)
     later = [
@@ -85,7 +85,7 @@ def test_two_sweeps_of_one_number_are_fitted_each_by_itself():
     np.testing.assert_allclose([p.angle for p in found], [p.angle for p in alone], atol=1e-12)
 
 
-def test_a_stepped_scan_is_left_as_it_is():
+def test_stepped_scan_is_unchanged():
     profiles = [
         make_profile([[0.05, 0.0, 0.01]], angle=0.1 * step, seq=step) for step in range(60)
     ]
@@ -94,7 +94,7 @@ def test_a_stepped_scan_is_left_as_it_is():
     assert motion.speed == 0.0
 
 
-def test_a_table_without_a_constant_speed_is_believed_and_said_to_be():
+def test_reported_angles_are_kept_without_a_constant_speed_and_the_reason_is_given():
     def swing(seconds):
         return 0.5 * np.sin(3.0 * seconds) + 1.2 * seconds
 
