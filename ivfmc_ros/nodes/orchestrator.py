@@ -47,7 +47,7 @@ class Orchestrator(CellNode):
     def __init__(self) -> None:
         super().__init__('orchestrator')
         self.scan_parameters = declare_scan_parameters(self)
-        self._services = ServiceClients(self, Waiter(self))
+        self._service_clients = ServiceClients(self, Waiter(self))
         self._running: RunningScan | None = None
         self._last: RunningScan | None = None
         joint = self.parameter(
@@ -147,7 +147,7 @@ class Orchestrator(CellNode):
             patience=self.get('profile_patience'),
             home=self.get('home'),
         )
-        tools = GraphTools(self, self._link, self._services, context, machine)
+        tools = GraphTools(self, self._link, self._service_clients, context, machine)
         running = RunningScan(
             context=context,
             machine=machine,

@@ -109,7 +109,7 @@ class Recorder(CellNode):
         self._catalogue_writer: CatalogueWriter | None = None
         self._published: int | None = None
         self._recorded = self.publish_on(UInt64, 'recorded')
-        self._subscriptions = [self._subscribe(name) for name in self.get('topics')]
+        self._recorded_topics = [self._subscribe(name) for name in self.get('topics')]
         self.trigger('start', self._start)
         self.trigger('stop', self._stop)
         self.subscribe(Header, 'orchestrator/heartbeat', self._receive_heartbeat)

@@ -25,7 +25,7 @@ def client():
 
 @pytest.fixture
 def script(tmp_path, monkeypatch):
-    """Make a node of a text, which is started like those of the package."""
+    """Write the source of a node, which NodeProcess then starts instead of one of the package."""
 
     def write(text):
         path = tmp_path / 'node.py'
@@ -57,7 +57,7 @@ def sphere():
 
 @pytest.fixture(scope='session')
 def frames(cell, sphere):
-    """A turn in steps with each of the two lasers."""
+    """Frames of one turn in steps with each of the two lasers."""
     found = []
     for laser in (0, 1):
         found += sphere_frames(cell, sphere, STEPS, laser=laser, view=laser, seed=laser + 1)

@@ -32,7 +32,7 @@ def events(cell, sphere):
 
 @pytest.fixture(scope='module')
 def offline(cell, events, tmp_path_factory):
-    """The views of the bag."""
+    """The result of the offline pipeline for the bag."""
     folder = tmp_path_factory.mktemp('sweep') / 'bag'
     with create_bag(folder, compress=False) as bag:
         for stamp, kind, what in events:
@@ -50,11 +50,11 @@ def offline(cell, events, tmp_path_factory):
 def same(view, expected):
     np.testing.assert_array_equal(view.seqs, expected.seqs)
     np.testing.assert_array_equal(view.valid, expected.valid)
-    # float32 on the way: half a step of it at 50 mm is 2 nm
+    # points are sent as float32: half a step at 50 mm is 2 nm
     np.testing.assert_allclose(view.points_xyz, expected.points_xyz, rtol=0, atol=4e-9)
 
 
-def test_the_sweep_is_cut_at_its_ramps_and_fitted(offline, sphere):
+def test_ramps_of_the_sweep_are_dropped_and_its_motion_fitted(offline, sphere):
     (motion,) = offline.motions
     assert motion.speed == pytest.approx(TURN.speed, rel=5e-3)
     assert motion.dropped
@@ -67,7 +67,7 @@ def test_the_sweep_is_cut_at_its_ramps_and_fitted(offline, sphere):
     assert np.sqrt(np.mean(off**2)) < 1.5e-4
 
 
-def test_bit_by_bit_it_is_the_same_as_from_the_bag(cell, events, offline):
+def test_functions_of_the_nodes_give_the_offline_views(cell, events, offline):
     matcher = FrameMatcher(LASERS)
     stream = StreamAcquisition(Acquisition(cell, AcquisitionSettings()))
     messages = []
@@ -108,9 +108,7 @@ def frame_of(match, seq):
     )
 
 
-def test_through_the_nodes_it_is_the_same_as_from_the_bag(
-    client, inputs, cell_file, events, offline
-):
+def test_nodes_give_the_offline_views(client, inputs, cell_file, events, offline):
     profiles = client.collect(PointCloud2, 'profile')
     found = client.collect(PointCloud2, 'view')
     cell = {'cell': str(cell_file)}
@@ -131,7 +129,7 @@ def test_through_the_nodes_it_is_the_same_as_from_the_bag(
             else:
                 inputs.picture(what, stamp)
                 pictures += 1
-                # no faster than it is heard
+                # no faster than the nodes receive
                 client.spin(0.03)
         wanted = offline.counts['pictures']
         client.until(lambda: len(profiles) == wanted)

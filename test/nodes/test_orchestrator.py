@@ -22,7 +22,7 @@ KEYS = {
 }  # fmt: skip
 
 
-# what every test begins with
+# parameters at the start of every test
 PARAMETERS = {
     'motion': 'step',
     'profiles': 3,
@@ -107,7 +107,7 @@ def test_step_scan_with_a_foreign_table(client, fake, orchestrator, root):
 
 
 def test_continuous_scan_is_one_sweep_a_laser(client, fake, orchestrator):
-    # as a controller that knows positions only
+    # a controller that reports no velocity
     fake.velocities = [math.nan, math.nan]
     client.set('orchestrator', motion='continuous', profiles=12, profile_rate=30.0)
     success, answer = client.trigger('scan', 60.0)
@@ -116,11 +116,11 @@ def test_continuous_scan_is_one_sweep_a_laser(client, fake, orchestrator):
     assert fake.position > 4 * math.pi
 
 
-def test_new_scan_does_not_count_what_the_one_before_recorded(client, fake, orchestrator):
+def test_new_scan_does_not_count_profiles_of_the_previous_one(client, fake, orchestrator):
     recorded = client.publisher(UInt64, 'recorded')
     assert client.trigger('start_scan')[0]
     while values_of(client)['stage'] in ('', 'IDLE', 'PREPARING'):
-        # as a recorder does that has not been started yet
+        # as a recorder that has not been started yet
         recorded.publish(UInt64(data=4))
         client.spin(0.02)
     values = [{item.key: item.value for item in status.values} for status in client.status]
@@ -129,7 +129,7 @@ def test_new_scan_does_not_count_what_the_one_before_recorded(client, fake, orch
     assert set(preparing) == {'0'}
 
 
-def test_second_scan_is_refused_at_once_and_names_the_first(client, fake, orchestrator):
+def test_second_scan_is_rejected_with_the_id_of_the_first(client, fake, orchestrator):
     _, first = client.trigger('start_scan')
     success, answer = client.trigger('scan', 2.0)
     assert not success
@@ -138,7 +138,7 @@ def test_second_scan_is_refused_at_once_and_names_the_first(client, fake, orches
     await_stage(client, 'CANCELLED')
 
 
-def test_cancel_ends_the_scan_and_the_beam(client, fake, orchestrator, root):
+def test_cancel_ends_the_scan_and_turns_the_laser_off(client, fake, orchestrator, root):
     client.set('orchestrator', profiles=200)
     _, answer = client.trigger('start_scan')
     client.until(lambda: fake.seq > 2, 30.0, 'no profiles')
@@ -151,7 +151,7 @@ def test_cancel_ends_the_scan_and_the_beam(client, fake, orchestrator, root):
     assert (success, answer['code']) == (False, 'WRONG_STATE')
 
 
-def test_pause_holds_the_scan_without_a_beam(client, fake, orchestrator):
+def test_pause_turns_the_laser_off_until_resume(client, fake, orchestrator):
     client.set('orchestrator', profiles=5)
     client.trigger('start_scan')
     client.until(lambda: fake.seq > 2, 30.0, 'no profiles')
@@ -165,26 +165,26 @@ def test_pause_holds_the_scan_without_a_beam(client, fake, orchestrator):
 
 
 @pytest.mark.parametrize('service', ['pause', 'resume', 'cancel'])
-def test_without_a_scan_it_is_refused(client, fake, orchestrator, service):
+def test_service_without_a_scan_is_rejected(client, fake, orchestrator, service):
     success, answer = client.trigger(service)
     assert (success, answer['code']) == (False, 'WRONG_STATE')
 
 
-def test_silent_helper_fails_the_scan_by_its_name(client, fake, orchestrator):
+def test_lost_node_fails_the_scan_with_its_name(client, fake, orchestrator):
     client.set('orchestrator', profiles=200)
     client.trigger('start_scan')
     client.until(lambda: fake.seq > 2, 30.0, 'no profiles')
-    fake.silent.add('registrar')
+    fake.without_heartbeat.add('registrar')
     status = await_stage(client, 'FAILED', seconds=10.0)
     assert status['code'] == 'REGISTRAR_LOST'
     assert fake.holds[-1][1] == ''
-    fake.silent.clear()
+    fake.without_heartbeat.clear()
     client.set('orchestrator', profiles=3)
     assert client.trigger('scan', 60.0)[0]
 
 
-def test_error_of_a_helper_keeps_its_code(client, fake, orchestrator):
-    fake.answers['registrar/register'] = {'code': 'DEGENERATE', 'detail': 'no surface'}
+def test_error_of_a_node_keeps_its_code(client, fake, orchestrator):
+    fake.responses['registrar/register'] = {'code': 'DEGENERATE', 'detail': 'no surface'}
     success, answer = client.trigger('scan', 60.0)
     assert (success, answer['code']) == (False, 'DEGENERATE')
     assert 'no surface' in answer['detail']
@@ -204,13 +204,13 @@ def test_error_of_a_helper_keeps_its_code(client, fake, orchestrator):
         ('formats', ['exe']),
     ],
 )
-def test_parameter_that_makes_no_scan_is_refused_by_name(client, orchestrator, name, value):
+def test_invalid_parameter_is_rejected_by_name(client, orchestrator, name, value):
     result = client.set('orchestrator', **{name: value})
     assert not result.successful
     assert name in result.reason
 
 
-def test_unknown_laser_is_refused_when_a_scan_is_asked_for(client, orchestrator, root):
+def test_unknown_laser_is_rejected_at_the_start_of_a_scan(client, orchestrator, root):
     client.set('orchestrator', lasers=['top'])
     before = listing(root)
     success, answer = client.trigger('start_scan')
@@ -220,7 +220,7 @@ def test_unknown_laser_is_refused_when_a_scan_is_asked_for(client, orchestrator,
 
 @contextmanager
 def locked(root):
-    """The catalogue as somebody holds it who looks into it with another program."""
+    """Lock the catalogue, as another program that has it open does."""
     connection = sqlite3.connect(root / 'catalogue.sqlite3', check_same_thread=False)
     connection.execute('BEGIN EXCLUSIVE')
     yield
@@ -228,7 +228,7 @@ def locked(root):
     connection.close()
 
 
-def test_catalogue_that_is_locked_refuses_a_scan_and_nothing_is_left(client, orchestrator, root):
+def test_locked_catalogue_rejects_a_scan_and_leaves_no_folder(client, orchestrator, root):
     Catalogue(root, create=True)
     before = listing(root)
     with locked(root):
@@ -237,21 +237,21 @@ def test_catalogue_that_is_locked_refuses_a_scan_and_nothing_is_left(client, orc
     assert listing(root) == before
 
 
-def test_catalogue_that_is_locked_later_is_said_and_is_no_end(client, fake, orchestrator, root):
+def test_locked_catalogue_is_reported_and_ends_no_scan(client, fake, orchestrator, root):
     with ExitStack() as stack:
-        fake.meanwhile['registrar/register'] = lambda: stack.enter_context(locked(root))
+        fake.on_call['registrar/register'] = lambda: stack.enter_context(locked(root))
         success, answer = client.trigger('scan')
     assert success, answer
     assert 'locked' in answer['catalogue_error']
     assert scan_folder.load_job(root / answer['scan_id'])['stage'] == 'DONE'
 
 
-def test_picture_that_cannot_be_drawn_is_said_and_is_no_end(client, fake, orchestrator, root):
+def test_failed_rendering_is_reported_and_ends_no_scan(client, fake, orchestrator, root):
     def spoil():
         folder = fake.parameter('mesher', 'scan_folder')
         (Path(folder) / 'mesh.stl').write_bytes(b'no mesh')
 
-    fake.meanwhile['mesher/build'] = spoil
+    fake.on_call['mesher/build'] = spoil
     success, answer = client.trigger('scan')
     assert success, answer
     assert 'could not be rendered' in answer['picture_error']
@@ -259,12 +259,12 @@ def test_picture_that_cannot_be_drawn_is_said_and_is_no_end(client, fake, orches
     assert report['picture_error'] == answer['picture_error']
 
 
-def test_cancel_ends_the_work_of_the_helpers(client, fake, orchestrator):
-    fake.stuck.add('registrar/register')
+def test_cancel_ends_the_jobs_of_the_nodes(client, fake, orchestrator):
+    fake.hanging.add('registrar/register')
     client.trigger('start_scan')
     await_stage(client, 'REGISTERING')
-    # nothing of camera and table is needed any more
-    fake.silent.add('triangulator')
+    # camera, table and triangulator are not needed any more
+    fake.without_heartbeat.add('triangulator')
     client.spin(1.5)
     assert values_of(client)['stage'] == 'REGISTERING'
     assert client.trigger('cancel')[0]
@@ -272,13 +272,13 @@ def test_cancel_ends_the_work_of_the_helpers(client, fake, orchestrator):
     assert fake.called[-2:] == ['registrar/cancel', 'recorder/stop']
 
 
-def test_registrar_is_told_how_many_profiles_there_are(client, fake, orchestrator):
+def test_registrar_gets_the_number_of_profiles(client, fake, orchestrator):
     assert client.trigger('scan')[0]
     assert fake.parameter('registrar', 'expected') == 6
 
 
 def test_laser_that_is_always_on_ends_with_the_scan(client, fake, orchestrator):
-    fake.always_on, fake.behind = 'left', 2
+    fake.always_on, fake.recorder_lag = 'left', 2
     client.set('orchestrator', motion='continuous', profiles=12, profile_rate=30.0)
     client.set('orchestrator', lasers=['left'])
     success, answer = client.trigger('scan', 30.0)
@@ -288,7 +288,7 @@ def test_laser_that_is_always_on_ends_with_the_scan(client, fake, orchestrator):
     assert fake.seq == seq
 
 
-def test_triangulator_that_was_started_again_is_said(client, fake, orchestrator):
+def test_restarted_triangulator_fails_the_scan(client, fake, orchestrator):
     client.set('orchestrator', profiles=200)
     client.trigger('start_scan')
     client.until(lambda: fake.seq > 2, 30.0, 'no profiles')
@@ -298,24 +298,24 @@ def test_triangulator_that_was_started_again_is_said(client, fake, orchestrator)
     assert 'was received twice' in status['result']
 
 
-def test_recording_of_a_lost_orchestrator_is_ended(client, fake, orchestrator):
+def test_recording_of_a_dead_orchestrator_is_stopped(client, fake, orchestrator):
     busy = {'code': 'BUSY', 'detail': 'recorder: is recording scans/before'}
-    fake.answers['recorder/start'] = [busy, {'code': 'OK'}]
+    fake.responses['recorder/start'] = [busy, {'code': 'OK'}]
     assert client.trigger('scan')[0]
     assert fake.called[1:4] == ['recorder/start', 'recorder/stop', 'recorder/start']
 
 
-def test_recorder_that_cannot_write_ends_the_scan_by_its_reason(client, fake, orchestrator):
-    fake.behind = 1_000_000
+def test_recorder_that_cannot_write_fails_the_scan_with_its_reason(client, fake, orchestrator):
+    fake.recorder_lag = 1_000_000
     full = 'scan.mcap.part: cannot be written: No space left on device'
-    fake.answers['recorder/stop'] = {'code': 'BAD_FILE', 'detail': full}
+    fake.responses['recorder/stop'] = {'code': 'BAD_FILE', 'detail': full}
     client.set('orchestrator', profiles=200, profile_patience=1.0)
     success, answer = client.trigger('scan', 30.0)
     assert (success, answer['code']) == (False, 'NOT_RECORDED')
     assert full in answer['detail']
 
 
-def test_table_of_another_name_than_the_cells_is_refused(client, orchestrator, cell_file, root):
+def test_joint_of_another_name_than_in_the_cell_is_rejected(client, orchestrator, cell_file, root):
     other = root.parent / 'other.yaml'
     other.write_text(cell_file.read_text().replace('turntable_joint', 'axis'))
     client.set('orchestrator', cell=str(other))

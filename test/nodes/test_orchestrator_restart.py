@@ -10,7 +10,7 @@ from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 
 @pytest.fixture
 def root(tmp_path):
-    """Folder of scans, of which two have not ended."""
+    """Folder of two scans that have not ended."""
     catalogue = Catalogue(tmp_path / 'scans', create=True)
     for name in ('cut_off', 'running'):
         catalogue.add_scan(name, 'part', '', 'SCANNING', {})
@@ -19,7 +19,7 @@ def root(tmp_path):
     return catalogue.root
 
 
-def test_scan_that_was_cut_off_is_marked_and_one_of_another_cell_is_not(client, cell_file, root):
+def test_interrupted_scan_is_marked_and_a_running_one_is_not(client, cell_file, root):
     status = client.collect(DiagnosticStatus, 'scan_status')
     with scan_folder.lock_scan(root / 'running'):
         node = NodeProcess('orchestrator', cell=str(cell_file), scan_root=str(root))

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recorders that are started for one test, and how they end."""
+"""Recorders that are started for one test each."""
 
 from sensor_msgs.msg import CompressedImage
 from support.graph_rig import NodeProcess
@@ -9,7 +9,7 @@ from support.graph_rig import running
 from ivfmc_ros.storage.bag.reader import open_bag
 
 
-def test_bag_is_whole_when_the_node_ends(client, tmp_path):
+def test_bag_is_complete_when_the_node_ends(client, tmp_path):
     node = NodeProcess('recorder')
     client.set('recorder', scan_id='s1', scan_folder=str(tmp_path))
     assert client.trigger('recorder/start')[0]

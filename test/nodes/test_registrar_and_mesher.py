@@ -8,7 +8,6 @@ from geometry_msgs.msg import PoseArray
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh as MeshMessage
 from std_msgs.msg import Header
@@ -48,7 +47,7 @@ def publish(client, profiles):
         client.spin(0.0)
 
 
-def test_live_views_are_those_of_the_pipeline_and_become_a_mesh(
+def test_live_views_equal_those_of_the_pipeline_and_become_a_mesh(
     client, cell, cell_file, camera_file, profiles, tmp_path
 ):
     found = client.collect(PointCloud2, 'view')
@@ -122,7 +121,7 @@ def test_register_waits_for_profiles_that_it_overtakes(client, cell_file, camera
         requests = client.node.create_client(Trigger, 'registrar/register')
         client.until(requests.service_is_ready)
         assert client.set('registrar', expected=len(profiles)).successful
-        # as on a machine that has something else to do
+        # as on a machine under load
         node.process.send_signal(signal.SIGSTOP)
         for profile in profiles:
             publisher.publish(clouds.from_profile(profile))
@@ -138,7 +137,7 @@ def test_register_waits_for_profiles_that_it_overtakes(client, cell_file, camera
         assert (good, answer['code']) == (False, 'PROFILES_LOST')
 
 
-def test_profiles_without_end_fill_no_memory(client, cell_file, camera_file, profiles):
+def test_profiles_beyond_the_maximum_are_refused(client, cell_file, camera_file, profiles):
     files = {'cell': str(cell_file), 'camera': str(camera_file)}
     with running('registrar', **files, most_profiles=len(profiles) - 2):
         publish(client, profiles)
@@ -152,7 +151,7 @@ def test_profiles_without_end_fill_no_memory(client, cell_file, camera_file, pro
         assert good, answer
 
 
-def test_a_cloud_without_the_fields_is_refused_by_name(client, cell_file, camera_file, profiles):
+def test_cloud_with_a_missing_field_is_rejected_by_name(client, cell_file, camera_file, profiles):
     with running('registrar', cell=str(cell_file), camera=str(camera_file)):
         publisher = client.publisher(PointCloud2, 'profile')
         client.until(publisher.get_subscription_count)
@@ -169,7 +168,7 @@ def test_a_cloud_without_the_fields_is_refused_by_name(client, cell_file, camera
         client.until(lambda: 'profiles: 2' in client.diagnostic('registrar'))
 
 
-def test_hearts_beat_while_a_mesh_is_built_and_a_cancelled_build_says_so(
+def test_heartbeat_continues_while_a_mesh_is_built_and_cancelled(
     client, cell_file, camera_file, profiles
 ):
     files = {'cell': str(cell_file), 'camera': str(camera_file)}
@@ -198,7 +197,7 @@ def test_hearts_beat_while_a_mesh_is_built_and_a_cancelled_build_says_so(
     assert max(np.diff(beats)) < 1.0
 
 
-def test_parameters_that_make_no_sense_are_refused_by_name(client):
+def test_invalid_parameters_are_rejected_by_name(client):
     with running('registrar'), running('mesher'):
         for node, name, value in (
             ('registrar', 'registration', 'magic'),
@@ -214,7 +213,7 @@ def test_parameters_that_make_no_sense_are_refused_by_name(client):
             assert name.removeprefix('mesh.') in answer.reason
 
 
-def test_meshes_as_bytes_are_what_rclpy_would_have_written():
+def test_serialized_meshes_are_deserialized_by_rclpy():
     from ivfmc_ros.nodes.convert import meshes
 
     vertices = np.random.default_rng(1).normal(size=(5, 3))
@@ -228,4 +227,3 @@ def test_meshes_as_bytes_are_what_rclpy_would_have_written():
     shape = deserialize_message(meshes.mesh_shape(vertices, faces), MeshMessage)
     assert [list(t.vertex_indices) for t in shape.triangles] == faces.tolist()
     np.testing.assert_array_equal([[v.x, v.y, v.z] for v in shape.vertices], vertices)
-    assert CameraInfo is not None

@@ -48,8 +48,9 @@ HEARTBEAT_S = 0.1
 DIAGNOSTICS_S = 1.0
 
 # Seconds from the start of a node within which a missing input is no warning. The slowest input
-# of a cell is the simulated camera, which loads Open3D first: 5 to 15 s on two cores.
-STARTUP_S = 30.0
+# of a cell is the simulated camera, which loads Open3D first: 5 to 15 s on two idle cores, several
+# times that under load.
+STARTUP_S = 60.0
 
 # Exceptions in a row out of spin_once, without one success, after which the executor is broken.
 _MAX_SPIN_FAILURES = 1000
