@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from support.box import fit_box
+from support.box_fit import fit_box
 from support.real_scan import run_readme_sequence
 import trimesh
 

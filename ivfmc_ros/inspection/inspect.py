@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A mesh against its nominal: where it deviates, by how much, and whether that can be told."""
+"""Inspection: deviations of a measured mesh from a nominal mesh, with uncertainty and verdicts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,34 +13,35 @@ from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.inspection import verdict as rule
 from ivfmc_ros.inspection.alignment import align
 from ivfmc_ros.inspection.alignment import Alignment
-from ivfmc_ros.inspection.compared import Compared
+from ivfmc_ros.inspection.comparison import Comparison
 from ivfmc_ros.inspection.deviation import Deviation
-from ivfmc_ros.inspection.deviation import summarise
-from ivfmc_ros.inspection.nominal import Body
-from ivfmc_ros.inspection.regions import Region
-from ivfmc_ros.inspection.regions import regions_of
+from ivfmc_ros.inspection.deviation import summarize
+from ivfmc_ros.inspection.feature_measurement import FeatureResult
+from ivfmc_ros.inspection.feature_measurement import measure_features
+from ivfmc_ros.inspection.mesh_file import MeshBody
+from ivfmc_ros.inspection.regions import segment_surface
+from ivfmc_ros.inspection.regions import SurfaceRegion
 from ivfmc_ros.inspection.settings import InspectSettings
-from ivfmc_ros.inspection.sizes import Sized
-from ivfmc_ros.inspection.sizes import sizes
 from ivfmc_ros.inspection.uncertainty import calibration_modes
-from ivfmc_ros.inspection.uncertainty import Modes
+from ivfmc_ros.inspection.uncertainty import CalibrationModes
 from ivfmc_ros.meshing.geometry import normals as triangle_normals
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.surface import Surface
 
-# A vertex farther from the nominal than this share of its size belongs to no region.
-_REACH = 0.02
-# Vertices on a region that faces another way than they do belong to another one (60 degrees).
-_SAME_SIDE = 0.5
+# Largest distance of a vertex from its region, fraction of the nominal's diagonal.
+_MAX_DISTANCE = 0.02
+# Minimum cosine between the normals of a vertex and of the region it is assigned to (60 degrees).
+_MIN_NORMAL_COSINE = 0.5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Judged:
+class SurfaceResult:
     """
-    A region, or the whole: its deviations, share of vertices within tolerance, and the verdict.
+    Deviations and verdict of a region or of the whole surface.
 
-    uncertainty : standard, metres, median over the vertices
+    within : fraction of the vertices within tolerance
+    uncertainty : meters, standard uncertainty of a deviation, median over the vertices
     """
 
     name: str
@@ -53,12 +54,13 @@ class Judged:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Inspection:
     """
-    What was found out. Positions are in the frame of the nominal.
+    Result of an inspection. Positions are in the frame of the nominal.
 
-    vertices_xyz (n, 3), deviations (n,), uncertainty (n,) metres: of the mesh laid onto it
-        deviations are NaN where the surface was not seen but closed
-    calibrated : the uncertainty holds that of the calibration
-    unseen : names of the nominal's faces of which nothing was measured; they are not judged
+    vertices_xyz : (n, 3) meters, of the aligned mesh; faces : (m, 3)
+    deviations : (n,) meters, positive outside; NaN at vertices that were not measured
+    uncertainty : (n,) meters, standard uncertainty of the deviations
+    calibrated : the uncertainty includes that of the calibration
+    unseen : names of the nominal's regions without a measured vertex; they have no verdict
     """
 
     vertices_xyz: Floats
@@ -66,52 +68,55 @@ class Inspection:
     deviations: Floats
     uncertainty: Floats
     alignment: Alignment
-    whole: Judged
-    regions: list[Judged]
-    sizes: list[Sized]
+    whole: SurfaceResult
+    regions: list[SurfaceResult]
+    features: list[FeatureResult]
     calibrated: bool
     unseen: list[str]
 
 
 def inspect(
-    mesh: Body,
-    nominal: Body,
+    mesh: MeshBody,
+    nominal: MeshBody,
     settings: InspectSettings,
     cell: Cell | None = None,
     alignment: Alignment | None = None,
 ) -> Inspection:
     """
-    Compare a mesh with a closed nominal.
+    Compare a mesh with a closed nominal mesh.
 
-    cell : that measured it, for the uncertainty of its calibration; the mesh is in ``turntable``
-    alignment : if it is known already, as from datum points
+    cell : cell that measured the mesh, for the uncertainty of its calibration; the mesh must then
+        be in ``turntable``
+    alignment : known alignment, for example from datum points; None: by ``settings.align``
     :raises GeometryError: the mesh is empty or does not determine a pose
     """
     surface = Surface(nominal.vertices_xyz, nominal.faces)
-    used = _measured(mesh)
+    measured = _measured(mesh)
     scaled = mesh.vertices_xyz * settings.conditions.to_reference
-    alignment = alignment or align(scaled[used], surface, nominal.vertices_xyz, settings.align)
+    alignment = alignment or align(scaled[measured], surface, nominal.vertices_xyz, settings.align)
     T = alignment.nominal_from_mesh
     vertices = transforms.apply(T, scaled)
-    normals = triangle_normals.of_vertices(mesh.vertices_xyz, mesh.faces)
-    used = used[np.isfinite(normals[used, 0])]
+    normals = triangle_normals.vertex_normals(mesh.vertices_xyz, mesh.faces)
+    measured = measured[np.isfinite(normals[measured, 0])]
     deviations = np.full(len(vertices), np.nan)
-    deviations[used] = surface.signed_distance(vertices[used])
-    found = regions_of(nominal.vertices_xyz, nominal.faces)
+    deviations[measured] = surface.signed_distance(vertices[measured])
+    found = segment_surface(nominal.vertices_xyz, nominal.faces)
     owner = np.full(len(vertices), -1)
-    turned = normals[used] @ T[:3, :3].T
-    owner[used] = _owners(surface, found, nominal, vertices[used], turned)
+    turned = normals[measured] @ T[:3, :3].T
+    owner[measured] = _assign_regions(surface, found, nominal, vertices[measured], turned)
     modes = _modes(cell, mesh.vertices_xyz, np.nan_to_num(normals))
     noise = np.zeros(len(vertices)) if mesh.sigma is None else np.nan_to_num(mesh.sigma)
-    spread = modes.along(mesh.vertices_xyz, np.nan_to_num(normals), settings.align != 'none')
-    # a length changes about the middle of what is compared
-    lever = np.linalg.norm(vertices - vertices[used].mean(axis=0), axis=1)
-    relative = settings.conditions.relative_u * lever
-    compared = Compared(
+    calibration_u = modes.along_normals(
+        mesh.vertices_xyz, np.nan_to_num(normals), settings.align != 'none'
+    )
+    # scale and temperature act on the distance from the centroid
+    distance = np.linalg.norm(vertices - vertices[measured].mean(axis=0), axis=1)
+    relative = settings.conditions.relative_u * distance
+    comparison = Comparison(
         mesh=mesh,
         vertices_xyz=vertices,
         deviations=deviations,
-        uncertainty=np.sqrt(spread**2 + noise**2 + relative**2),
+        uncertainty=np.sqrt(calibration_u**2 + noise**2 + relative**2),
         modes=modes,
         noise=noise,
         settings=settings,
@@ -121,62 +126,68 @@ def inspect(
         vertices_xyz=vertices,
         faces=mesh.faces,
         deviations=deviations,
-        uncertainty=compared.uncertainty,
+        uncertainty=comparison.uncertainty,
         alignment=alignment,
-        whole=_judged('all', np.isfinite(deviations), compared),
-        regions=_regions(found, owner, compared),
-        sizes=sizes(found, owner, compared),
+        whole=_surface_result('all', np.isfinite(deviations), comparison),
+        regions=_regions(found, owner, comparison),
+        features=measure_features(found, owner, comparison),
         calibrated=bool(len(modes.shifts)),
         unseen=[region.name for k, region in enumerate(found) if not (owner == k).any()],
     )
 
 
-def _measured(mesh: Body) -> Ints:
-    """Return the vertices that say something of the part: not those that close the mesh."""
-    used = np.unique(mesh.faces)
-    if not len(used):
+def _measured(mesh: MeshBody) -> Ints:
+    """Return the indices of measured vertices, without those of hole filling (no sigma)."""
+    measured = np.unique(mesh.faces)
+    if not len(measured):
         raise GeometryError('inspect: the mesh has no triangles')
-    if mesh.sigma is None or not np.isfinite(mesh.sigma[used]).any():
-        # a file without sigma does not tell them apart
-        return used
-    return used[np.isfinite(mesh.sigma[used])]
+    if mesh.sigma is None or not np.isfinite(mesh.sigma[measured]).any():
+        # without sigma, measured and filled vertices cannot be told apart
+        return measured
+    return measured[np.isfinite(mesh.sigma[measured])]
 
 
-def _modes(cell: Cell | None, points: Floats, normals: Floats) -> Modes:
+def _modes(cell: Cell | None, points: Floats, normals: Floats) -> CalibrationModes:
     if cell is None:
-        return Modes(shifts=np.zeros((0, len(points), 3)))
+        return CalibrationModes(shifts=np.zeros((0, len(points), 3)))
     return calibration_modes(cell, points, normals)
 
 
-def _owners(
-    surface: Surface, regions: Sequence[Region], nominal: Body, vertices: Floats, normals: Floats
+def _assign_regions(
+    surface: Surface,
+    regions: Sequence[SurfaceRegion],
+    nominal: MeshBody,
+    vertices: Floats,
+    normals: Floats,
 ) -> Ints:
-    """Return of each vertex the region that it lies on, or -1."""
+    """Return the index of the region of each vertex, or -1, (n,)."""
     near = surface.nearest(vertices)
     of_face = np.full(len(nominal.faces), -1)
     for number, region in enumerate(regions):
         of_face[region.faces] = number
     with np.errstate(invalid='ignore'):
-        same = (near.normals * normals).sum(axis=1) > _SAME_SIDE
-    close = near.distance < _REACH * nominal.diagonal
-    return np.asarray(np.where(same & close, of_face[near.faces], -1))
+        same_side = (near.normals * normals).sum(axis=1) > _MIN_NORMAL_COSINE
+    close = near.distance < _MAX_DISTANCE * nominal.diagonal
+    return np.asarray(np.where(same_side & close, of_face[near.faces], -1))
 
 
-def _regions(regions: Sequence[Region], owner: Ints, compared: Compared) -> list[Judged]:
-    judged = []
+def _regions(
+    regions: Sequence[SurfaceRegion], owner: Ints, comparison: Comparison
+) -> list[SurfaceResult]:
+    results = []
     for number, region in enumerate(regions):
-        chosen = (owner == number) & np.isfinite(compared.deviations)
+        chosen = (owner == number) & np.isfinite(comparison.deviations)
         if chosen.any():
-            judged.append(_judged(region.name, chosen, compared))
-    return judged
+            results.append(_surface_result(region.name, chosen, comparison))
+    return results
 
 
-def _judged(name: str, chosen: Floats, compared: Compared) -> Judged:
-    deviations, u = compared.deviations[chosen], compared.uncertainty[chosen]
-    tolerance = compared.settings.tolerance
-    return Judged(
+def _surface_result(name: str, chosen: Floats, comparison: Comparison) -> SurfaceResult:
+    deviations, u = comparison.deviations[chosen], comparison.uncertainty[chosen]
+    tolerance = comparison.settings.tolerance
+    return SurfaceResult(
         name=name,
-        deviation=summarise(deviations),
+        deviation=summarize(deviations),
         within=float(np.mean(np.abs(deviations) <= tolerance)),
         uncertainty=float(np.median(u)),
         verdict=rule.judge_surface(deviations, u, tolerance),

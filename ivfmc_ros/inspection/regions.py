@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A nominal surface cut into its faces, as CAD would call them, and what shape each has."""
+"""Segmentation of a nominal mesh into smooth regions, the faces of CAD, and their shapes."""
 
 from dataclasses import dataclass
 
@@ -14,23 +14,28 @@ from ivfmc_ros.meshing.geometry import normals as triangle_normals
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 
-# Triangles that meet at a flatter angle than this (radians) belong to one face.
-_SMOOTH = np.radians(20.0)
-# A face is what fits to this share of its own size.
-_EXACT = 2e-4
-# The normals of a cone lie on one circle; those of a sphere stand out of every circle by more.
-_BENT = 0.01
-_MOST = 200
-_LEAST_AREA = 5e-4  # share of the surface: smaller faces are not listed
+# Radians; neighboring triangles with a smaller angle between normals belong to one region.
+_MAX_SMOOTH_ANGLE = np.radians(20.0)
+# Largest form error of a recognized shape, fraction of the size of the region.
+_MAX_FORM_ERROR = 2e-4
+# Smallest standard deviation of a sphere's normals in any direction; those of a cone have none
+# along its axis.
+_MIN_NORMAL_DEVIATION = 0.01
+# Regions that are listed at most.
+_MAX_REGIONS = 200
+# Fraction of the whole surface; smaller regions are not listed.
+_MIN_AREA = 5e-4
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Region:
+class SurfaceRegion:
     """
-    One face of a nominal.
+    A smooth region of a nominal mesh.
 
-    name : such as 'cylinder 3'; faces : (k,) of the nominal; area : square metres
-    shape : the feature that its vertices make, or None if it is free form
+    name : such as 'cylinder 3'
+    faces : (k,) indices of the nominal's triangles
+    area : square meters
+    shape : the shape through its vertices, or None for a free-form region
     """
 
     name: str
@@ -39,34 +44,36 @@ class Region:
     shape: features.Feature | None
 
 
-def regions_of(vertices_xyz: Floats, faces: Ints) -> list[Region]:
-    """Return the faces of a nominal, the largest first, without tiny ones."""
-    label = _smooth_pieces(vertices_xyz, faces)
+def segment_surface(vertices_xyz: Floats, faces: Ints) -> list[SurfaceRegion]:
+    """Split a mesh into smooth regions, the largest first, without tiny ones."""
+    label = _smooth_components(vertices_xyz, faces)
     corners = vertices_xyz[faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = 0.5 * np.linalg.norm(across, axis=1)
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = 0.5 * np.linalg.norm(cross, axis=1)
     total = np.bincount(label, area)
-    found: list[Region] = []
-    for piece in np.argsort(-total)[:_MOST]:
-        if total[piece] < _LEAST_AREA * total.sum():
+    found: list[SurfaceRegion] = []
+    for component in np.argsort(-total)[:_MAX_REGIONS]:
+        if total[component] < _MIN_AREA * total.sum():
             break
-        chosen = np.flatnonzero(label == piece)
+        chosen = np.flatnonzero(label == component)
         shape = _shape(vertices_xyz, faces[chosen])
         kind = 'free form' if shape is None else shape.kind
         number = 1 + sum(region.name.startswith(kind) for region in found)
         found.append(
-            Region(name=f'{kind} {number}', faces=chosen, area=float(total[piece]), shape=shape)
+            SurfaceRegion(
+                name=f'{kind} {number}', faces=chosen, area=float(total[component]), shape=shape
+            )
         )
     return found
 
 
-def _smooth_pieces(vertices: Floats, faces: Ints) -> Ints:
-    normal = np.nan_to_num(triangle_normals.of_faces(vertices, faces))
+def _smooth_components(vertices: Floats, faces: Ints) -> Ints:
+    normal = np.nan_to_num(triangle_normals.face_normals(vertices, faces))
     edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     order = np.lexsort((edges[:, 1], edges[:, 0]))
     same = (edges[order[1:]] == edges[order[:-1]]).all(axis=1)
     first, second = order[:-1][same] // 3, order[1:][same] // 3
-    smooth = (normal[first] * normal[second]).sum(axis=1) > np.cos(_SMOOTH)
+    smooth = (normal[first] * normal[second]).sum(axis=1) > np.cos(_MAX_SMOOTH_ANGLE)
     graph = coo_array(
         (np.ones(int(smooth.sum())), (first[smooth], second[smooth])), shape=(len(faces),) * 2
     )
@@ -75,7 +82,7 @@ def _smooth_pieces(vertices: Floats, faces: Ints) -> Ints:
 
 
 def _shape(vertices: Floats, faces: Ints) -> features.Feature | None:
-    """Return the simplest shape on which all corners of a face lie, with its normals."""
+    """Return the simplest shape that fits the vertices and normals of a region, or None."""
     points = vertices[np.unique(faces)]
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     chosen = points[:: max(1, len(points) // 2000)]
@@ -84,26 +91,26 @@ def _shape(vertices: Floats, faces: Ints) -> features.Feature | None:
             found = features.fit(kind, chosen)
         except GeometryError:
             continue
-        if found.form < _EXACT * size and _faces_along(found, vertices, faces):
+        if found.form < _MAX_FORM_ERROR * size and _normals_match(found, vertices, faces):
             return found
     return None
 
 
-def _faces_along(shape: features.Feature, vertices: Floats, faces: Ints) -> bool:
-    """Tell whether the faces are square to the shape's radii: those of a cone are not."""
+def _normals_match(shape: features.Feature, vertices: Floats, faces: Ints) -> bool:
+    """Check that the normals of the faces are those of the shape; they are not on a cone."""
     if shape.kind == 'plane':
         return True
-    normal = np.nan_to_num(triangle_normals.of_faces(vertices, faces))
-    if shape.kind == 'sphere' and np.std(normal @ _least_axis(normal)) < _BENT:
-        # two rings of corners lie on a sphere whatever they are; this is a chamfer
+    normal = np.nan_to_num(triangle_normals.face_normals(vertices, faces))
+    if shape.kind == 'sphere' and np.std(normal @ _least_axis(normal)) < _MIN_NORMAL_DEVIATION:
+        # two circles of vertices always lie on a sphere: this is a chamfer or a cone
         return False
     radius = vertices[faces].mean(axis=1) - shape.center_xyz
     if shape.kind == 'cylinder':
         radius = radius - (radius @ shape.axis)[:, None] * shape.axis
     radius /= np.linalg.norm(radius, axis=1, keepdims=True)
-    return bool(np.median(np.abs((radius * normal).sum(axis=1))) > np.cos(_SMOOTH))
+    return bool(np.median(np.abs((radius * normal).sum(axis=1))) > np.cos(_MAX_SMOOTH_ANGLE))
 
 
 def _least_axis(vectors: Floats) -> Floats:
-    """Return the unit direction in which (n, 3) vectors differ least."""
+    """Return the unit direction of the smallest variance of (n, 3) vectors."""
     return np.asarray(np.linalg.eigh(np.cov(vectors.T))[1][:, 0])

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The one way from views to a mesh, whichever method is asked for."""
+"""Builds one triangle mesh from registered views, by the method that the settings name."""
 
 from collections.abc import Sequence
 import math
@@ -9,76 +9,82 @@ import numpy as np
 
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import GeometryError
-from ivfmc_ros.meshing.filters.decimate import decimated
+from ivfmc_ros.meshing.filters.decimate import decimate
 from ivfmc_ros.meshing.integrate import integrate
-from ivfmc_ros.meshing.paper.zipper import join_views
+from ivfmc_ros.meshing.paper.zipper import zipper_views
 from ivfmc_ros.meshing.poisson import poisson
-from ivfmc_ros.meshing.samples import surface_samples as sampling
-from ivfmc_ros.meshing.samples.view_samples import from_views
+from ivfmc_ros.meshing.samples.range_grid import median_spacings
+from ivfmc_ros.meshing.samples.view_samples import sample_views
 from ivfmc_ros.meshing.settings import MeshSettings
 from ivfmc_ros.model import Mesh
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
 from ivfmc_ros.registration.views.assemble import spacing
 
-# Points of one surface are at most this many point spacings apart.
-_REACH = 5.0
-# Of the spacing of the points: so fine that edges stay sharp; the filter of normals averages.
-_VOXEL = 0.6
-_FINEST = 2.0  # of the smaller spacing
+# Neighbors on one surface are at most so many point spacings apart.
+_MAX_EDGE_SPACINGS = 5.0
+# Voxel of integrate in point spacings. Small, so that edges stay sharp; noise is averaged by the
+# filter of normals, not by the voxel.
+_VOXEL_SPACINGS = 0.6
+# Greatest default voxel, in units of the smaller of both spacings.
+_MAX_SMALLER_SPACINGS = 2.0
 
 
 def build_mesh(
     cell: Cell, views: Sequence[View], poses: Poses, settings: MeshSettings | None = None
 ) -> Mesh:
     """
-    Return the surface of all views in ``turntable``.
+    Build the surface of all views.
 
-    :raises GeometryError: the views hold no surface
+    poses : the pose of each view in ``turntable``
+    settings : None for the defaults
+    returns : Mesh in ``turntable``, meters
+    :raises GeometryError: the views contain no surface
     :raises ParameterError: the voxel is too small for the part
     """
     settings = settings or MeshSettings()
-    reach = settings.max_edge or usual_edge(views)
+    max_edge = settings.max_edge or default_max_edge(views)
     if settings.method == 'paper':
-        mesh = join_views(cell, views, poses, reach)
+        mesh = zipper_views(cell, views, poses, max_edge)
     else:
-        share = _VOXEL if settings.method == 'integrate' else 1.0
-        voxel = settings.voxel or share * usual_voxel(views)
-        samples = from_views(cell, views, poses, reach, voxel)
+        share = _VOXEL_SPACINGS if settings.method == 'integrate' else 1.0
+        voxel = settings.voxel or share * default_voxel(views)
+        samples = sample_views(cell, views, poses, max_edge, voxel)
         if settings.method == 'poisson':
-            mesh = poisson(samples, voxel, reach, settings)
+            mesh = poisson(samples, voxel, max_edge, settings)
         else:
             mesh = integrate(samples, voxel, settings)
-    return decimated(mesh, settings.decimate)[0] if settings.decimate else mesh
+    return decimate(mesh, settings.decimate)[0] if settings.decimate else mesh
 
 
-def usual_edge(views: Sequence[View]) -> float:
+def default_max_edge(views: Sequence[View]) -> float:
     """
-    Return 5 point spacings, metres.
+    Return 5 point spacings of the coarsest view, meters.
 
-    :raises GeometryError: no two points of a view are neighbours at different places
+    :raises GeometryError: no view has two neighboring points at different places
     """
     known = [step for step in map(spacing, views) if math.isfinite(step)]
     if not known:
         raise GeometryError(
-            'meshing: no view has two neighbouring points at different places; scan finer'
+            'meshing: no view has two neighboring points at different places; scan in finer steps'
         )
-    return _REACH * max(known)
+    return _MAX_EDGE_SPACINGS * max(known)
 
 
-def usual_voxel(views: Sequence[View]) -> float:
+def default_voxel(views: Sequence[View]) -> float:
     """
-    Return the spacing of the points of a view, metres: the edge of a square for each.
+    Return the median point spacing of the views, meters: the edge of a square per point.
 
-    Where profiles are much farther apart than the points of one, it is not worth to blur these.
+    It is the geometric mean of the spacings along and across profiles, but at most twice the
+    smaller one, so that widely spaced profiles do not lose their resolution.
 
-    :raises GeometryError: no view has points that are neighbours both ways
+    :raises GeometryError: no view has neighboring points both along and across profiles
     """
-    steps = np.array([sampling.spacings(view.points_xyz) for view in views]).reshape(-1, 2)
+    steps = np.array([median_spacings(view.points_xyz) for view in views]).reshape(-1, 2)
     steps = steps[np.isfinite(steps).all(axis=1)]
     if not len(steps):
         raise GeometryError(
-            'meshing: no three neighbouring points in neighbouring profiles; scan in finer steps'
+            'meshing: no three neighboring points in neighboring profiles; scan in finer steps'
         )
     down, across = np.median(steps, axis=0)
-    return float(min(np.sqrt(down * across), _FINEST * min(down, across)))
+    return float(min(np.sqrt(down * across), _MAX_SMALLER_SPACINGS * min(down, across)))

@@ -1,10 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Large arrays in parts that stay in the processor's cache, on all processors.
+Thread-parallel processing of large arrays in chunks that fit in the processor's cache.
 
-An array of more than 32 MB costs more than what is done to it: the system clears its pages anew
-each time. NumPy lets other threads work during all that is long.
+Temporary arrays of more than 32 MB cost more than the computation on them, because the operating
+system clears their pages on each allocation. NumPy releases the GIL in all long operations, so
+that the chunks run on all processors.
 """
 
 from collections.abc import Callable
@@ -16,17 +17,17 @@ from typing import TypeVar
 _Result = TypeVar('_Result')
 
 
-def in_parts(work: Callable[[slice], None], count: int, size: int) -> None:
-    """Call ``work`` with slices of at most ``size`` that make up an array of ``count``."""
-    for _ in each_part(work, count, size):
+def run_chunked(work: Callable[[slice], None], count: int, size: int) -> None:
+    """Call ``work`` with consecutive slices of at most ``size`` that cover ``range(count)``."""
+    for _ in map_chunked(work, count, size):
         pass
 
 
-def each_part(work: Callable[[slice], _Result], count: int, size: int) -> Iterator[_Result]:
-    """Give what ``work`` returns for slices that make up an array, in their order."""
-    parts = [slice(start, min(start + size, count)) for start in range(0, count, size)]
-    if len(parts) < 2:
-        yield from map(work, parts)
+def map_chunked(work: Callable[[slice], _Result], count: int, size: int) -> Iterator[_Result]:
+    """Yield the results of ``work`` for consecutive slices that cover ``range(count)``."""
+    chunks = [slice(start, min(start + size, count)) for start in range(0, count, size)]
+    if len(chunks) < 2:
+        yield from map(work, chunks)
         return
     with ThreadPoolExecutor(os.cpu_count() or 1) as threads:
-        yield from threads.map(work, parts)
+        yield from threads.map(work, chunks)

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How views become a mesh."""
+"""Settings of meshing; their docstring describes the ``mesh.*`` parameters of the nodes."""
 
 from dataclasses import dataclass
 
@@ -15,22 +15,22 @@ CLOSINGS = ('none', 'base', 'all')
 @dataclass(frozen=True, kw_only=True)
 class MeshSettings:
     """
-    How views become a mesh. Lengths are metres.
+    Settings of meshing. Lengths are meters.
 
-    method : integrate (a signed distance on voxels), paper (triangles between neighbours, after
-        Ismail et al. 2007) or poisson (screened Poisson, for comparison)
-    max_edge : the paper's threshold on a triangle's edges: neighbours farther apart are not one
-        surface; None for 5 point spacings
-    close : what may be invented where nothing was seen: none (but gaps of up to 2 voxels are
-        bridged), base (the standing face), all
-    voxel : edge of a voxel of integrate and poisson; None for 0.6 of the spacing of the points, of
-        poisson for all of it
-    smoothing : rounds of bilateral normal filtering; 0 leaves the noise in
-    decimate : how far the simplified mesh may be from the full one; 0 keeps all triangles
-    island : a piece of surface with fewer triangles is dropped, and so is one of less than 2 % of
-        all that is farther than 20 voxels from the rest
-    floor : height of the platter in ``turntable``, on which the standing face lies; None if the
-        part does not stand on one
+    method : integrate (signed distance on voxels), paper (triangles between neighboring points,
+        Ismail et al. 2007) or poisson (screened Poisson reconstruction, for comparison)
+    max_edge : greatest edge of a triangle, and distance of neighboring points on one surface; None
+        for 5 point spacings
+    close : which unmeasured surface is added: none (only gaps of up to 2 voxels are bridged), base
+        (also the standing face) or all (also holes, so that the mesh is closed)
+    voxel : edge of a voxel of integrate and poisson; None for 0.6 point spacings with integrate
+        and 1 point spacing with poisson
+    smoothing : iterations of bilateral normal filtering; 0 for no smoothing
+    decimate : greatest deviation of the decimated mesh from the full one; 0 for no decimation
+    island : connected components with fewer triangles are dropped, and so are those with less than
+        2 % of all triangles that are farther than 20 voxels from the rest
+    floor : height of the platter in ``turntable``, where the standing face lies; None if the part
+        does not stand on the platter
     """
 
     method: str = 'integrate'
@@ -48,10 +48,13 @@ class MeshSettings:
         for name, value in (('max_edge', self.max_edge), ('voxel', self.voxel)):
             if value is not None:
                 require_in_range(name, value, 0.0, 1.0, 'm', open_low=True)
-        require_in_range('smoothing', self.smoothing, 0, 200, 'rounds')
+        require_in_range('smoothing', self.smoothing, 0, 200, 'iterations')
         require_in_range('decimate', self.decimate, 0.0, 0.1, 'm')
         require_in_range('island', self.island, 0, 10_000_000, 'triangles')
         if self.floor is not None:
             require_in_range('floor', self.floor, -1.0, 1.0, 'm')
         if self.method == 'paper' and self.close != 'none':
-            raise ParameterError('close: the paper invents no surface; use method integrate')
+            raise ParameterError(
+                f'close: {self.close!r} is not available with method paper, which adds no '
+                'surface; use close none or method integrate'
+            )

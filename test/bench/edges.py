@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A block with a step, and one that is half black, as they turn through the stripe."""
+"""Rendered sweeps over a step edge and over a border of reflectance, with the true outline."""
 
 from dataclasses import dataclass
 
@@ -17,11 +17,11 @@ from ivfmc_ros.simulation.render.renderer import StripeRenderer
 from ivfmc_ros.simulation.render.scene import part_from_camera
 from ivfmc_ros.simulation.render.scene import Scene
 
-HEIGHT = 0.05  # metres
-STEP = np.radians(0.1)
+HEIGHT = 0.05  # meters
+STEP = np.radians(0.1)  # between frames
 FRAMES = 61
 BLACK = 0.1  # reflectance
-NEAR = 1.5e-3  # metres from the edge within which a point counts
+NEAR = 1.5e-3  # meters from the edge within which a point counts
 _SAMPLES = 3  # per pixel, of the black-white border
 
 _FRONT, _BACK, _HALF = 0.020, -0.02, 0.025
@@ -41,11 +41,11 @@ STEPPED = np.array(
 @dataclass(frozen=True, eq=False)
 class Edge:
     """
-    A sweep over an edge that stands upright at y = 0 of the part.
+    A sweep over a vertical edge at y = 0 of the part.
 
-    outline : (n, 2) metres, of the block
-    frames : pictures of the sweep
-    around : a few pictures of the whole turn
+    outline : (n, 2) meters, of the block
+    frames : images of the sweep
+    around : 16 images of a whole turn
     """
 
     cell: object
@@ -54,7 +54,7 @@ class Edge:
     around: list[Frame]
 
     def errors(self, profiles):
-        """Return the distances (metres) of all points near the edge from the block."""
+        """Return the distances (meters) of all points near the edge from the block."""
         points = np.concatenate([profile.points_xyz for profile in profiles])
         inside = (points[:, 2] > 0.004) & (points[:, 2] < HEIGHT - 0.004)
         near = inside & (np.abs(points[:, 1]) < NEAR) & (points[:, 0] > 0)
@@ -62,7 +62,7 @@ class Edge:
 
 
 def distances(points, outline):
-    """Return how far points (n, 2) are from a closed outline."""
+    """Return (n,) distances of (n, 2) points from a closed outline."""
     start, along = outline, np.roll(outline, -1, axis=0) - outline
     offset = points[:, None] - start
     part = np.clip((offset * along).sum(axis=2) / (along**2).sum(axis=1), 0, 1)
@@ -70,7 +70,7 @@ def distances(points, outline):
 
 
 def sweep(kind, optics=None):
-    """Return the pictures of a 'step' or a 'border'."""
+    """Return the sweep over a 'step' or a reflectance 'border'."""
     optics = optics or Optics()
     cell = bench_cell(np.zeros(5))
     outline = STEPPED if kind == 'step' else SQUARE
@@ -78,7 +78,7 @@ def sweep(kind, optics=None):
     renderer = StripeRenderer(cell=cell, solid=solid, optics=optics)
     scene = Scene(solid, None, 1.0)
 
-    def picture(seq, angle):
+    def render(seq, angle):
         light = renderer.light(angle, 0)
         if kind == 'border':
             light = light * albedo(cell, scene, angle, light > 0)
@@ -89,13 +89,13 @@ def sweep(kind, optics=None):
     return Edge(
         cell=cell,
         outline=outline,
-        frames=[picture(seq, middle + (seq - FRAMES // 2) * STEP) for seq in range(FRAMES)],
-        around=[picture(seq, seq * np.pi / 8) for seq in range(16)],
+        frames=[render(seq, middle + (seq - FRAMES // 2) * STEP) for seq in range(FRAMES)],
+        around=[render(seq, seq * np.pi / 8) for seq in range(16)],
     )
 
 
 def albedo(cell, scene, angle, lit):
-    """Return the mean reflectance of the lit pixels: 1 where y < 0 of the part, else black."""
+    """Return the mean reflectance of lit pixels: 1 where y < 0 on the part, else BLACK."""
     rows, columns = np.nonzero(lit)
     pose = part_from_camera(cell.turntable.camera_from_base, angle)
     white = np.zeros(len(rows))

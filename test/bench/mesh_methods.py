@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Meshing: three methods against the CAD, soundness, edges, volume, time, the bunny."""
+"""Bench of meshing: three methods against CAD, closed meshes, time, and the Stanford bunny."""
 
 from collections.abc import Callable
 from collections.abc import Iterator
@@ -12,8 +12,8 @@ import time
 import numpy as np
 import open3d as o3d
 from support.cylinder_scan import coverage
-from support.range_scans import read_bunny
 from support.real_scan import data_folder
+from support.stanford_bunny import read_bunny
 import trimesh
 
 from bench import at_least
@@ -25,7 +25,10 @@ from ivfmc_ros.meshing.integrate import integrate
 from ivfmc_ros.meshing.io import export
 from ivfmc_ros.meshing.io.export import UNITS
 from ivfmc_ros.meshing.poisson import poisson
-from ivfmc_ros.meshing.samples import surface_samples as sampling
+from ivfmc_ros.meshing.samples.range_grid import median_spacings
+from ivfmc_ros.meshing.samples.surface_samples import merge_samples
+from ivfmc_ros.meshing.samples.surface_samples import sample_grid
+from ivfmc_ros.meshing.samples.surface_samples import SurfaceSamples
 from ivfmc_ros.meshing.settings import MeshSettings
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import MEASURED
@@ -39,19 +42,19 @@ from ivfmc_ros.simulation.parts.solids import box
 from ivfmc_ros.simulation.parts.solids import demo_part
 from ivfmc_ros.simulation.parts.solids import stepped_shaft
 from ivfmc_ros.simulation.render.optics import Optics
-from ivfmc_ros.simulation.render.optics import with_thickness
+from ivfmc_ros.simulation.render.optics import with_sheet_thickness
 from ivfmc_ros.simulation.render.renderer import simulate_scan
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 from ivfmc_ros.surface import Surface
 
 STEPS = 200
-CELL = with_thickness(bench_cell(), Optics())
+CELL = with_sheet_thickness(bench_cell(), Optics())
 PARTS = {
     'demo part': demo_part,
     'cube': lambda: box((0.04, 0.04, 0.04)),
     'stepped shaft': lambda: stepped_shaft([(0.03, 0.02), (0.02, 0.02), (0.012, 0.02)]),
 }
-# An STL file does not say; featuretype and plate_holes are larger than the cell.
+# STL files state no unit; featuretype and plate_holes are larger than the working volume.
 UNITS_OF_CAD = {
     'angle_block.STL': 'inch',
     'featuretype.STL': 'inch',
@@ -78,21 +81,21 @@ def run() -> Iterator[Number]:
         yield from methods(name, part, made)
         if name != 'demo part':
             yield from closed(name, part, made)
-    held, width = coverage(cells=100, seed=11)
+    covered, width = coverage(cells=100, seed=11)
     note = f'bench cell, R 20 mm, median width of the interval {width * 1e3:.3f} mm'
-    yield Number('diameters within their 95 % interval', held, 'of 100', at_least(90), note)
+    yield Number('diameters within their 95 % interval', covered, 'of 100', at_least(90), note)
     yield from times()
     yield from bunny()
 
 
 def cad_parts() -> Iterator[tuple[str, Solid]]:
-    """CAD of machined parts, those that fit the cell, standing in its middle."""
+    """Yield the CAD of machined parts that fit the working volume, centered on the platter."""
     folder = data_folder() / 'parts'
     for name, unit in UNITS_OF_CAD.items():
         if not (folder / name).is_file():
             continue
         mesh = trimesh.load(folder / name)
-        # the corners of some differ by rounding
+        # corners of one vertex may differ by rounding
         mesh.merge_vertices(digits_vertex=5)
         low, high = mesh.bounds
         middle = np.array([*(low + high)[:2] / 2, low[2]])
@@ -119,7 +122,7 @@ class Quality:
 
 
 def methods(name: str, part: Solid, made: Reconstruction) -> Iterator[Number]:
-    """All views, 200 steps, both lasers, speckle 0.15: mesh to CAD and CAD to mesh."""
+    """Distances of mesh to CAD and CAD to mesh: 200 steps, both lasers, speckle 0.15."""
     truth = Surface(part.vertices_xyz, part.faces)
     points = np.concatenate([view.cloud() for view in made.views])
     distance = truth.signed_distance(points)
@@ -138,7 +141,7 @@ def methods(name: str, part: Solid, made: Reconstruction) -> Iterator[Number]:
 
 
 def compared(name: str, found: dict[str, Quality]) -> Iterator[Number]:
-    """Rms and 95 % of each method in both directions; the default has to be the best."""
+    """Rms and 95 % of each method in both directions; integrate has to be the best."""
     for method, own in found.items():
         others = [quality for key, quality in found.items() if key != method]
         for figure, field in FIGURES.items():
@@ -167,13 +170,13 @@ def quality(mesh: Mesh, truth: Surface, seen: Floats) -> Quality:
 
 
 def measured(mesh: Mesh) -> np.ndarray:
-    """Return the vertices of faces that are not marked as invented."""
+    """Return the indices of vertices of measured faces."""
     faces = mesh.faces if mesh.kind is None else mesh.faces[mesh.kind == MEASURED]
     return np.unique(faces)
 
 
 def on_faces(truth: Surface, points: Floats) -> np.ndarray:
-    """Tell which points are away from edges: the CAD around them is smooth."""
+    """Return (n,) bool, which points are farther than FACE_MARGIN from edges of the CAD."""
     near = truth.nearest(points)
     n = near.normals
     ok = near.distance < 0.3e-3
@@ -191,7 +194,7 @@ def seen_of_cad(part: Solid, points: Floats) -> Floats:
     """Return points of the CAD in the working volume that have a measured point within 0.5 mm."""
     cad = trimesh.Trimesh(part.vertices_xyz, part.faces, process=False)
     wanted, _ = trimesh.sample.sample_surface(cad, 60_000, seed=2)
-    # what is nearer to the platter is not measured, whatever the method
+    # nothing nearer to the platter is measured, whatever the method
     wanted = wanted[wanted[:, 2] > VOLUME.bottom]
     tree = o3d.geometry.KDTreeFlann(points.T)
     near = [tree.search_knn_vector_3d(point, 1)[2][0] for point in wanted]
@@ -209,7 +212,7 @@ def closed(name: str, part: Solid, made: Reconstruction) -> Iterator[Number]:
     yield Number(f'{name}, faces that intersect', crossed, '', at_most(0), note)
     off = abs(read.volume * 1e-9 / part.volume - 1.0)
     yield Number(f'{name}, volume', off * 100, '%', at_most(0.1))
-    spacing = max(sampling.spacings(made.views[0].points_xyz))
+    spacing = max(median_spacings(made.views[0].points_xyz))
     bar = at_most(max(1.5 * spacing, STRIPE_WIDTH) * 1e3)
     note = f'spacing {spacing * 1e3:.2f} mm, stripe {STRIPE_WIDTH * 1e3:.1f} mm wide'
     yield Number(f'{name}, edge radius, median', edge_radius(mesh, part) * 1e3, 'mm', bar, note)
@@ -217,7 +220,7 @@ def closed(name: str, part: Solid, made: Reconstruction) -> Iterator[Number]:
 
 def edge_radius(mesh: Mesh, part: Solid) -> float:
     """
-    Return the radius of the rounding that leaves as much at a square edge as is missing there.
+    Return the radius of the rounding of square edges, meters, from the median gap at the edges.
 
     A rounding of radius r leaves a gap of r (sqrt 2 - 1) between the edge and the surface.
     """
@@ -227,14 +230,14 @@ def edge_radius(mesh: Mesh, part: Solid) -> float:
     ends = cad.vertices[np.asarray(cad.face_adjacency_edges)[sharp & convex]]
     share = np.linspace(0.1, 0.9, 20)[:, None, None]
     edges = (ends[None, :, 0] * (1 - share) + ends[None, :, 1] * share).reshape(-1, 3)
-    # the edges at the platter were not seen
+    # edges at the platter are not measured
     edges = edges[edges[:, 2] > 2e-3]
     gap = Surface(mesh.vertices_xyz, mesh.faces).nearest(edges).distance
     return float(np.median(gap)) / (np.sqrt(2.0) - 1.0)
 
 
 def intersecting(mesh: Mesh, side: float = 4e-3) -> int:
-    """Return how many pairs of faces intersect: open3d's test, on blocks that overlap."""
+    """Return the number of pairs of intersecting faces, by Open3D on overlapping blocks."""
     corners = mesh.vertices_xyz[mesh.faces]
     middle = corners.mean(axis=1)
     block = np.floor(middle / side).astype(np.int64)
@@ -243,24 +246,24 @@ def intersecting(mesh: Mesh, side: float = 4e-3) -> int:
         low, high = cell * side, (cell + 1) * side
         near = ((middle > low - 1e-3) & (middle < high + 1e-3)).all(axis=1)
         used, faces = np.unique(mesh.faces[near], return_inverse=True)
-        piece = o3d.geometry.TriangleMesh(
+        part = o3d.geometry.TriangleMesh(
             o3d.utility.Vector3dVector(mesh.vertices_xyz[used]),
             o3d.utility.Vector3iVector(faces.reshape(-1, 3)),
         )
-        pairs += len(piece.get_self_intersecting_triangles())
+        pairs += len(part.get_self_intersecting_triangles())
     return pairs
 
 
-def ball(count: int) -> sampling.Samples:
-    """Return samples on a bumpy ball, with noise."""
+def bumpy_ball(count: int) -> SurfaceSamples:
+    """Return noisy samples of a bumpy sphere of 30 mm radius."""
     rng = np.random.default_rng(0)
     normal = rng.normal(size=(count, 3))
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     bump = 0.03 * (1 + 0.02 * np.sin(9 * normal[:, :1]) * np.cos(7 * normal[:, 1:2]))
-    return sampling.Samples(
+    return SurfaceSamples(
         points_xyz=bump * normal + rng.normal(scale=1e-5, size=(count, 3)),
         normals=normal,
-        sight=normal,
+        to_camera=normal,
         weight=np.full(count, 1e10),
         intensity=np.full(count, 100.0),
     )
@@ -268,7 +271,7 @@ def ball(count: int) -> sampling.Samples:
 
 @dataclass(frozen=True)
 class Took:
-    """Seconds that passed, and seconds of all processors together."""
+    """Wall time and processor time, seconds."""
 
     wall: float
     processor: float
@@ -278,15 +281,15 @@ class Took:
 
 
 def times() -> Iterator[Number]:
-    """One million points to a closed mesh on disk: how long it takes, alone on the machine."""
+    """Time from one million points to a closed mesh file; run it alone on the machine."""
     settings = MeshSettings(close='all', floor=None)
     count = 1_000_000
-    points = ball(count)
-    # as many vertices as points: about 1.5 a voxel's face
+    points = bumpy_ball(count)
+    # as many vertices as points: about 1.5 per face of a voxel
     voxel = float(np.sqrt(1.6 * 4 * np.pi * 0.03**2 / count))
     ours, vertices = timed(lambda: integrate(points, voxel, settings))
     theirs, others = timed(lambda: poisson(points, voxel, 1.0, settings))
-    # at an equal number of vertices
+    # scaled to an equal number of vertices
     fair = vertices / others
     note = f'{ours}, {vertices} vertices; Poisson {theirs}, {others} vertices; processor time '
     note += f'{ours.processor / (theirs.processor * fair):.3f}'
@@ -295,7 +298,7 @@ def times() -> Iterator[Number]:
 
 
 def timed(make: Callable[[], Mesh]) -> tuple[Took, int]:
-    """Return how long it takes to make a mesh and to write it, and how many vertices it has."""
+    """Return the time to make and write a mesh, and its number of vertices."""
     wall, processor = time.perf_counter(), time.process_time()
     mesh = make()
     with tempfile.TemporaryDirectory() as folder:
@@ -305,14 +308,14 @@ def timed(make: Callable[[], Mesh]) -> tuple[Took, int]:
 
 
 def bunny() -> Iterator[Number]:
-    """Ten range scans with the poses of Stanford."""
+    """The ten range scans of the Stanford bunny with their published poses."""
     folder = data_folder() / 'bunny'
     if not folder.is_dir():
-        raise FileNotFoundError(f'{folder}: the bunny was not measured')
+        raise FileNotFoundError(f'{folder}: not found; the bench of the bunny needs it')
     grids = read_bunny(folder)
-    steps = np.median([sampling.spacings(grid.points_xyz) for grid in grids], axis=0)
+    steps = np.median([median_spacings(grid.points_xyz) for grid in grids], axis=0)
     voxel = float(np.sqrt(np.prod(steps)))
-    points = sampling.merge(sampling.from_grid(grid, None, voxel) for grid in grids)
+    points = merge_samples(sample_grid(grid, None, voxel) for grid in grids)
     mesh = integrate(points, voxel, MeshSettings(floor=None))
     merged = o3d.io.read_triangle_mesh(folder / 'bun_zipper_res2.ply')
     vertices = np.asarray(merged.vertices)
@@ -320,9 +323,9 @@ def bunny() -> Iterator[Number]:
     read = o3d.geometry.TriangleMesh(
         o3d.utility.Vector3dVector(mesh.vertices_xyz), o3d.utility.Vector3iVector(mesh.faces)
     )
-    pieces = len(read.cluster_connected_triangles()[1])
+    components = len(read.cluster_connected_triangles()[1])
     note = f'{len(points)} samples, 95 % {np.percentile(distance, 95) * 1e3:.3f} mm'
     yield Number('bunny, median distance', np.median(distance) * 1e3, 'mm', at_most(0.2), note)
     sound = read.is_edge_manifold(True) and read.is_vertex_manifold()
     yield Number('bunny, 2-manifold', float(sound), '', at_least(1))
-    yield Number('bunny, pieces', pieces, '', at_most(1))
+    yield Number('bunny, connected components', components, '', at_most(1))

@@ -1,20 +1,20 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Meshing of what is spoilt, and of very many points."""
+"""Bench of meshing: soundness on degraded views, and scaling with the number of points."""
 
 from collections.abc import Iterator
 import resource
 
 import numpy as np
-from support.spoilt import CELL
-from support.spoilt import spoilt
-from support.spoilt import unsound
-from support.spoilt import views
+from support.degraded_views import CELL
+from support.degraded_views import degrade
+from support.degraded_views import mesh_defects
+from support.degraded_views import views
 
 from bench import at_least
 from bench import at_most
 from bench import Number
-from bench.mesh_methods import ball
+from bench.mesh_methods import bumpy_ball
 from bench.mesh_methods import timed
 from ivfmc_ros.meshing.build import build_mesh
 from ivfmc_ros.meshing.integrate import integrate
@@ -31,31 +31,31 @@ def run() -> Iterator[Number]:
 
 
 def soundness(seeds: int = SEEDS) -> Iterator[Number]:
-    """A sphere of 40 profiles a laser with noise, flying points and holes, closed and open."""
+    """A sphere, 40 profiles per laser, with noise, outliers and holes, closed and open."""
     clean = views(steps=40)
     for close in ('all', 'none'):
         settings = MeshSettings(close=close, floor=None, voxel=1.2e-3, island=50)
-        wrong = {}
+        unsound = {}
         for seed in range(seeds):
-            bad = [spoilt(view, seed) for view in clean]
-            mesh = build_mesh(CELL, bad, Poses.identity(len(bad)), settings)
-            found = unsound(mesh, closed=close == 'all')
+            degraded = [degrade(view, seed) for view in clean]
+            mesh = build_mesh(CELL, degraded, Poses.identity(len(degraded)), settings)
+            found = mesh_defects(mesh, closed=close == 'all')
             if found:
-                wrong[seed] = found
-        note = f'of {seeds}; ' + '; '.join(f'seed {k}: {", ".join(v)}' for k, v in wrong.items())
+                unsound[seed] = found
+        note = f'of {seeds}; ' + '; '.join(f'seed {k}: {", ".join(v)}' for k, v in unsound.items())
         yield Number(
-            f'sound, close {close}', seeds - len(wrong), '', at_least(seeds), note.strip('; ')
+            f'sound, close {close}', seeds - len(unsound), '', at_least(seeds), note.strip('; ')
         )
 
 
 def scaling() -> Iterator[Number]:
-    """Processor time from points to a closed mesh on disk, and the memory of the largest."""
+    """Processor time from points to a mesh file, and peak memory of the largest run."""
     settings = MeshSettings(close='all', floor=None)
     took = []
     for count in COUNTS:
-        # as many vertices as points: about 1.5 a voxel's face
+        # as many vertices as points: about 1.5 per face of a voxel
         voxel = float(np.sqrt(1.6 * 4 * np.pi * 0.03**2 / count))
-        points = ball(count)
+        points = bumpy_ball(count)
         took.append(timed(lambda p=points, v=voxel: integrate(p, v, settings))[0])
     slope = np.polyfit(np.log(COUNTS), np.log([each.processor for each in took]), 1)[0]
     note = ', '.join(f'{n / 1e6:g} M {each}' for n, each in zip(COUNTS, took, strict=True))

@@ -1,12 +1,12 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Views that make no surface, or hardly one."""
+"""Meshing of degenerate views: coincident points and single profiles."""
 
 import numpy as np
 import pytest
-from support.spoilt import CELL
-from support.spoilt import unsound
-from support.spoilt import views
+from support.degraded_views import CELL
+from support.degraded_views import mesh_defects
+from support.degraded_views import views
 
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.meshing.build import build_mesh
@@ -15,7 +15,7 @@ from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
 
 METHODS = ('integrate', 'paper', 'poisson')
-STEP = 4e-4  # metres
+STEP = 4e-4  # meters
 
 
 def built(view, method):
@@ -24,7 +24,7 @@ def built(view, method):
 
 
 def upright(rows, columns):
-    """An upright piece of plane before the camera whose points have the given places, in steps."""
+    """Return a view of an upright plane; columns and rows are positions of its points in steps."""
     places = np.broadcast_arrays(0.01, STEP * columns[None], 0.03 + STEP * rows[:, None])
     shape = (len(rows), len(columns))
     return View(
@@ -42,7 +42,7 @@ def upright(rows, columns):
 @pytest.mark.parametrize('method', METHODS)
 def test_million_points_at_one_place_are_refused(method):
     one = np.zeros(1000)
-    with pytest.raises(GeometryError, match='no view has two neighbouring points at different'):
+    with pytest.raises(GeometryError, match='no view has two neighboring points at different'):
         built(upright(one, one), method)
 
 
@@ -63,11 +63,11 @@ def test_million_points_at_a_hundred_places_are_no_failure(method):
 @pytest.mark.parametrize('method', METHODS)
 def test_view_of_one_profile_is_refused(method):
     (view,) = views(1, steps=1)
-    with pytest.raises(GeometryError, match=r'^meshing: no three neighbouring points'):
+    with pytest.raises(GeometryError, match=r'^meshing: no three neighboring points'):
         built(view, method)
 
 
 def test_single_view_makes_a_sound_mesh():
     settings = MeshSettings(floor=None, voxel=1e-3)
     mesh = build_mesh(CELL, views(1), Poses.identity(1), settings)
-    assert unsound(mesh, closed=False) == []
+    assert mesh_defects(mesh, closed=False) == []

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.spoilt import CELL
-from support.spoilt import SPHERE
-from support.spoilt import spoilt
-from support.spoilt import unsound
-from support.spoilt import views
+from support.degraded_views import CELL
+from support.degraded_views import degrade
+from support.degraded_views import mesh_defects
+from support.degraded_views import SPHERE
+from support.degraded_views import views
 
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.errors import ParameterError
@@ -27,7 +27,7 @@ def edge_counts(mesh):
 
 
 def require_sound(mesh, *, closed):
-    assert unsound(mesh, closed=closed) == []
+    assert mesh_defects(mesh, closed=closed) == []
 
 
 @pytest.fixture(scope='module')
@@ -41,14 +41,14 @@ def test_closed_mesh_is_sound(closed):
     assert boundary_loops(closed.vertices_xyz, closed.faces) == []
 
 
-def test_what_was_seen_lies_on_the_sphere(closed):
+def test_measured_vertices_lie_on_the_sphere(closed):
     seen = closed.vertices_xyz[np.isfinite(closed.sigma)]
     distance = SPHERE.distance(seen)
     assert np.percentile(np.abs(distance), 90) < 0.02e-3
     assert abs(np.median(distance)) < 0.008e-3
 
 
-def test_open_mesh_has_only_what_was_seen_and_reports_its_loops():
+def test_open_mesh_has_only_measured_faces_and_reports_its_boundary_loops():
     mesh = build_mesh(CELL, views(), Poses.identity(2), MeshSettings(floor=None, voxel=1e-3))
     require_sound(mesh, closed=False)
     assert mesh.kind.max() < FILLED
@@ -59,7 +59,7 @@ def test_open_mesh_has_only_what_was_seen_and_reports_its_loops():
     assert loops[0].length > 0.02
 
 
-def test_invented_faces_are_marked_where_nothing_was_seen(closed):
+def test_faces_that_were_not_measured_are_marked(closed):
     middle = closed.vertices_xyz[closed.faces].mean(axis=1)
     seen = closed.vertices_xyz[np.isfinite(closed.sigma)]
     low = middle[:, 2] < seen[:, 2].min() - 0.5e-3
@@ -77,13 +77,13 @@ def test_part_stands_on_a_flat_face_at_the_floor():
 
 @pytest.mark.parametrize('seed', range(6))
 def test_noise_and_gaps_leave_a_sound_mesh(seed):
-    bad = [spoilt(view, seed) for view in views(steps=40)]
+    bad = [degrade(view, seed) for view in views(steps=40)]
     settings = MeshSettings(close='all', floor=None, voxel=1.2e-3, island=50)
     require_sound(build_mesh(CELL, bad, Poses.identity(2), settings), closed=True)
 
 
-def test_smoothing_takes_noise_out():
-    noisy = [spoilt(view, 3) for view in views()]
+def test_smoothing_reduces_noise():
+    noisy = [degrade(view, 3) for view in views()]
     left = []
     for rounds in (0, 8):
         settings = MeshSettings(smoothing=rounds, floor=None)
@@ -94,7 +94,7 @@ def test_smoothing_takes_noise_out():
     assert left[1] < 0.35 * 0.04e-3 * 1.3
 
 
-def test_points_that_are_there_many_times_make_the_same_mesh():
+def test_repeated_points_make_the_same_mesh():
     (view,) = views(1, steps=40)
     again = replace(
         view,
@@ -126,7 +126,7 @@ def test_view_without_points_is_refused(method):
 
 def test_view_of_one_profile_is_refused():
     (view,) = views(1, steps=1)
-    with pytest.raises(GeometryError, match='in neighbouring profiles'):
+    with pytest.raises(GeometryError, match='in neighboring profiles'):
         build_mesh(CELL, [view], Poses.identity(1))
 
 
@@ -135,8 +135,8 @@ def test_voxel_that_is_too_small_is_refused():
         build_mesh(CELL, views(1), Poses.identity(1), MeshSettings(voxel=1e-8))
 
 
-def test_island_that_nothing_reaches_is_refused():
-    with pytest.raises(GeometryError, match='no piece of surface has 10000000 triangles'):
+def test_island_larger_than_the_mesh_is_refused():
+    with pytest.raises(GeometryError, match='no connected component has 10000000 triangles'):
         build_mesh(CELL, views(1), Poses.identity(1), MeshSettings(island=10_000_000))
 
 
@@ -151,6 +151,6 @@ def test_setting_that_cannot_be_used_is_refused(name, value):
         MeshSettings(**{name: value})
 
 
-def test_paper_invents_nothing():
-    with pytest.raises(ParameterError, match='close: the paper invents no surface'):
+def test_close_is_refused_with_method_paper():
+    with pytest.raises(ParameterError, match=r'close: .* is not available with method paper'):
         MeshSettings(method='paper', close='all')

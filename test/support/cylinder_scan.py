@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A cylinder measured by cells that are miscalibrated within their stated covariance."""
+"""Points of a cylinder measured with random calibration errors, for coverage of intervals."""
 
 from dataclasses import replace
 
@@ -15,13 +15,14 @@ from ivfmc_ros.simulation.bench import bench_cell
 
 RADIUS = 0.02
 NOISE = 0.02e-3
-# 1 sigma: translation and rotation of the axis, normal and offset of a laser plane
+# 1 sigma, meters and radians: translation and rotation of the axis; normal and offset of a laser
+# plane
 POSE = np.array([0.02e-3, 0.02e-3, 0.05e-3, 1e-4, 1e-4, 1e-4])
 PLANE = np.array([1e-4, 1e-4, 1e-4, 0.03e-3])
 
 
 def stated_cell() -> Cell:
-    """Return the bench cell with covariances that a fair calibration has."""
+    """Return the bench cell with the covariances of a typical calibration."""
     cell = bench_cell()
     lasers = []
     for laser in cell.lasers:
@@ -32,8 +33,8 @@ def stated_cell() -> Cell:
     return replace(cell, turntable=turntable, lasers=tuple(lasers))
 
 
-def off_by_chance(cell: Cell, rng: np.random.Generator) -> Cell:
-    """Return a cell whose calibration errs as its covariances say."""
+def with_random_errors(cell: Cell, rng: np.random.Generator) -> Cell:
+    """Return a cell with calibration errors drawn from its covariances."""
     step = rng.multivariate_normal(np.zeros(6), cell.turntable.covariance)
     T = cell.turntable.camera_from_base
     turned = Rotation.from_rotvec(step[3:]).as_matrix() @ T[:3, :3]
@@ -52,7 +53,7 @@ def off_by_chance(cell: Cell, rng: np.random.Generator) -> Cell:
 
 
 def measured(true: Cell, believed: Cell, rng: np.random.Generator) -> np.ndarray:
-    """Return points on a cylinder around the axis, seen by one cell, evaluated with another."""
+    """Return points on a cylinder, measured by one cell and triangulated with another."""
     points = []
     for index, azimuth in enumerate((np.radians(36.0), np.radians(-30.0))):
         laser = true.lasers[index]
@@ -66,7 +67,7 @@ def measured(true: Cell, believed: Cell, rng: np.random.Generator) -> np.ndarray
                 ],
                 axis=1,
             )
-            # on the cylinder and in the sheet, which is upright and holds the axis
+            # on the cylinder and in the light sheet, which is vertical and contains the axis
             camera = transforms.apply(true.turntable.camera_from_base, base)
             assert np.abs(laser.distance(camera)).max() < 1e-9
             seen = believed.lasers[index].intersect(camera / camera[:, 2:])
@@ -76,19 +77,19 @@ def measured(true: Cell, believed: Cell, rng: np.random.Generator) -> np.ndarray
 
 
 def coverage(cells: int, seed: int) -> tuple[int, float]:
-    """Return how many 95 % intervals of a diameter hold the truth, and their median width."""
+    """Return how many 95 % intervals contain the true diameter, and their median width, meters."""
     rng = np.random.default_rng(seed)
-    true, held, widths = stated_cell(), 0, []
+    true, covered, widths = stated_cell(), 0, []
     for _ in range(cells):
-        believed = off_by_chance(true, rng)
+        believed = with_random_errors(true, rng)
         points = measured(true, believed, rng)
         found = features.fit('cylinder', points)
         normals = points - found.center_xyz
         normals -= (normals @ found.axis)[:, None] * found.axis
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         modes = calibration_modes(believed, points, normals)
-        calibration = modes.of(lambda p: features.fit('cylinder', p).diameter, points)
+        calibration = modes.propagate(lambda p: features.fit('cylinder', p).diameter, points)
         u = np.hypot(calibration, 2 * found.rms / np.sqrt(len(points)))
-        held += abs(found.diameter - 2 * RADIUS) <= 1.96 * u
+        covered += abs(found.diameter - 2 * RADIUS) <= 1.96 * u
         widths.append(2 * 1.96 * u)
-    return int(held), float(np.median(widths))
+    return int(covered), float(np.median(widths))

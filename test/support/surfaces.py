@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Views of surfaces in closed form, and ways to displace them."""
+"""A synthetic view of a wavy surface in closed form, and displaced and empty versions of it."""
 
 from dataclasses import replace
 
@@ -11,8 +11,8 @@ from ivfmc_ros.model import View
 from ivfmc_ros.registration.views.assemble import without
 
 
-def block(number=0, rows=120, columns=150, offset=0.0):
-    """A view of a surface with hollows in all directions, sampled every 0.4 mm."""
+def wavy_view(number=0, rows=120, columns=150, offset=0.0):
+    """Return a view of a surface that is curved in all directions, sampled every 0.4 mm."""
     along = np.arange(rows) * 4e-4 + offset, np.arange(columns) * 4e-4 + 0.7 * offset
     y, x = np.meshgrid(*along, indexing='ij')
     z = 4e-3 * np.sin(x / 7e-3) * np.cos(y / 9e-3) + 2e-3 * np.sin(y / 5e-3 + 1.0)
@@ -31,14 +31,16 @@ def block(number=0, rows=120, columns=150, offset=0.0):
 
 
 def moved(view, T):
+    """Return the view transformed by the (4, 4) pose ``T``."""
     return replace(view, points_xyz=transforms.apply(T, view.points_xyz))
 
 
 def slip(degrees=0.4, millimetres=0.3):
-    """The part moved a little on the table."""
+    """Return the (4, 4) pose of a part that slipped on the table: a turn about z and a shift."""
     shift = 1e-3 * millimetres * np.array([0.6, -0.8, 0.0])
     return transforms.rigid(transforms.rotation_z(np.radians(degrees)), shift)
 
 
 def empty(view):
+    """Return the view without any point."""
     return without(view, np.ones(view.valid.shape, dtype=bool))

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated cell as processes, a scan by its service, and the mesh compared with the CAD."""
+"""``ivfmc demo``: starts a simulated cell, calls its scan service, compares mesh and CAD."""
 
 from collections.abc import Callable
 from collections.abc import Mapping
@@ -8,8 +8,6 @@ import os
 from pathlib import Path
 import time
 from typing import Any
-
-from rich.console import Console
 
 from ivfmc_ros import files
 from ivfmc_ros.cli.scan import run_scan
@@ -21,19 +19,23 @@ from ivfmc_ros.cli.support.cell_run import write_bench
 from ivfmc_ros.cli.support.client import cell_client
 from ivfmc_ros.cli.support.client import CellClient
 from ivfmc_ros.cli.support.client import refuse_another
+from ivfmc_ros.cli.support.output import console
 from ivfmc_ros.cli.support.processes import Processes
 from ivfmc_ros.cli.up import log_of
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.inspection.deviation import Deviation
-from ivfmc_ros.inspection.deviation import summarise
+from ivfmc_ros.inspection.deviation import summarize
+from ivfmc_ros.inspection.reports.deviation_image import write_deviation_image
 from ivfmc_ros.inspection.reports.json_report import write_report
 from ivfmc_ros.meshing.io.export import write_solid
-from ivfmc_ros.meshing.io.stl import read_own_stl
+from ivfmc_ros.meshing.io.stl import read_stl
 from ivfmc_ros.nodes.framework.environment import config_file
 from ivfmc_ros.simulation.parts.solids import demo_part
 from ivfmc_ros.surface import Surface
 
 _COMING_UP_S = 60.0
+# Meters at which the colors of deviation.png saturate: five times the rms that is expected.
+_SPAN = 1e-4
 
 
 def run_graph(output: Path, seed: int, wanted: Mapping[str, Any]) -> None:
@@ -68,12 +70,15 @@ def run_graph(output: Path, seed: int, wanted: Mapping[str, Any]) -> None:
             up = time.monotonic()
             result = run_scan(client, dict(wanted), _alive(processes))
             seconds = {'start': up - begin, 'scan': time.monotonic() - up}
-    vertices, _ = read_own_stl(Path(result['files']['mesh.stl']))
+    vertices, faces = read_stl(Path(result['files']['mesh.stl']))
     nominal = Surface(part.vertices_xyz, part.faces)
-    deviation = summarise(nominal.signed_distance(vertices))
+    deviation = summarize(nominal.signed_distance(vertices))
     write_report(
         output / 'demo.json',
         {'deviation_m': {'mesh': vars(deviation)}, 'seconds': seconds, 'scan': result},
+    )
+    write_deviation_image(
+        output / 'deviation.png', Surface(vertices, faces), vertices, nominal, _SPAN
     )
     say(result)
     _say_deviation(output, deviation, seconds)
@@ -101,10 +106,10 @@ def _alive(processes: Processes) -> Callable[[], None]:
 
 
 def _say_deviation(output: Path, deviation: Deviation, seconds: Mapping[str, float]) -> None:
-    console = Console(highlight=False, markup=False)
-    console.print(
+    stdout = console()
+    stdout.print(
         f'mesh to CAD: rms {deviation.rms * 1e3:.4f} mm, 95 % within {deviation.p95 * 1e3:.4f} mm'
     )
-    console.print(f'cell up in {seconds["start"]:.1f} s, scan in {seconds["scan"]:.1f} s')
-    for name in ('nominal.stl', 'demo.json', 'up.log'):
-        console.print(str(output / name), soft_wrap=True)
+    stdout.print(f'cell up in {seconds["start"]:.1f} s, scan in {seconds["scan"]:.1f} s')
+    for name in ('deviation.png', 'nominal.stl', 'demo.json', 'up.log'):
+        stdout.print(str(output / name), soft_wrap=True)

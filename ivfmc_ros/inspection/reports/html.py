@@ -16,7 +16,7 @@ import numpy as np
 from ivfmc_ros import files
 from ivfmc_ros.inspection.reports import tables
 from ivfmc_ros.inspection.reports import viewer
-from ivfmc_ros.meshing.filters.decimate import clustered
+from ivfmc_ros.meshing.filters.vertex_clustering import cluster_vertices_with_values
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 
@@ -27,7 +27,7 @@ _NO_VALUE = 255
 
 
 @dataclass(frozen=True, kw_only=True)
-class Picture:
+class ReportImage:
     """A picture for the report: its encoded bytes, media type (image/jpeg) and caption."""
 
     data: bytes
@@ -40,8 +40,8 @@ class Page:
     """
     What a report shows.
 
-    vertices_xyz : (n, 3) metres; faces : (m, 3); values : (n,) metres, NaN where there is none
-    span : metres, where the colours end; they begin at -span, or at 0 if not ``signed``
+    vertices_xyz : (n, 3) meters; faces : (m, 3); values : (n,) meters, NaN where there is none
+    span : meters, where the colors end; they begin at -span, or at 0 if not ``signed``
     figures : numbers by name, in SI units, as ``tables`` shows them
     """
 
@@ -53,11 +53,11 @@ class Page:
     figures: Mapping[str, Any]
     signed: bool = True
     quantity: str = 'deviation'
-    pictures: Sequence[Picture] = ()
+    pictures: Sequence[ReportImage] = ()
 
     @property
     def low(self) -> float:
-        """Metres, where the colours begin."""
+        """Value of the first color, meters."""
         return -self.span if self.signed else 0.0
 
 
@@ -90,7 +90,9 @@ def write_html(path: Path, page: Page) -> None:
 
 
 def _mesh(page: Page) -> str:
-    vertices, faces, values = clustered(page.vertices_xyz, page.faces, page.values, MOST_TRIANGLES)
+    vertices, faces, values = cluster_vertices_with_values(
+        page.vertices_xyz, page.faces, page.values, MOST_TRIANGLES
+    )
     low, high = page.low, page.span
     start, size = vertices.min(axis=0), np.maximum(np.ptp(vertices, axis=0), 1e-9)
     places = np.round((vertices - start) / size * 65535).astype('<u2')
@@ -117,7 +119,7 @@ def _verdict(figures: Mapping[str, Any]) -> str:
 
 
 def _histogram(values: Floats, low: float, high: float) -> str:
-    """Draw how often which value (millimetres) is, as SVG."""
+    """Draw how often which value (millimeters) is, as SVG."""
     counts, _ = np.histogram(np.clip(values, low, high), bins=_BINS, range=(low, high))
     top = max(int(counts.max(initial=0)), 1)
     width, height = 720.0, 140.0
@@ -137,7 +139,7 @@ def _histogram(values: Floats, low: float, high: float) -> str:
     )
 
 
-def _gallery(pictures: Sequence[Picture]) -> str:
+def _gallery(pictures: Sequence[ReportImage]) -> str:
     shown = ''.join(
         f'<figure><img alt="{escape(picture.caption)}" '
         f'src="data:{picture.media};base64,{_encoded(picture.data)}">'

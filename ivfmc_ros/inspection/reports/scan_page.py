@@ -12,9 +12,9 @@ import numpy as np
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.inspection.reports import overview
 from ivfmc_ros.inspection.reports.html import Page
-from ivfmc_ros.inspection.reports.html import Picture
-from ivfmc_ros.inspection.reports.picture import draw_cloud
-from ivfmc_ros.inspection.reports.picture import Viewpoint
+from ivfmc_ros.inspection.reports.html import ReportImage
+from ivfmc_ros.inspection.reports.rendering import draw_cloud
+from ivfmc_ros.inspection.reports.rendering import Viewpoint
 from ivfmc_ros.meshing.geometry.topology import boundary_loops
 from ivfmc_ros.model import BASE
 from ivfmc_ros.model import BRIDGED
@@ -32,12 +32,12 @@ _KINDS = {'measured': MEASURED, 'bridged': BRIDGED, 'standing face': BASE, 'fill
 
 
 def mesh_figures(mesh: Mesh) -> dict[str, Any]:
-    """Return how many faces are of which kind, and where the mesh is open, metres."""
+    """Return how many faces are of which kind, and where the mesh is open, meters."""
     loops = boundary_loops(mesh.vertices_xyz, mesh.faces)
     kind = np.zeros(len(mesh.faces)) if mesh.kind is None else mesh.kind
     return {
         'faces': {name: int((kind == number).sum()) for name, number in _KINDS.items()},
-        'flying_pieces': mesh.flying,
+        'flying_pieces': mesh.isolated_components,
         'open_loops': len(loops),
         'longest_loops': [
             {'edges': loop.edges, 'length_m': loop.length, 'center_xyz_m': list(loop.center_xyz)}
@@ -54,7 +54,7 @@ def scan_page(
     samples: Sequence[tuple[Frame, Profile]],
     figures: Mapping[str, Any],
 ) -> Page:
-    """Return the page of a scan; the mesh is coloured by the sigma of its vertices."""
+    """Return the page of a scan; the mesh is colored by the sigma of its vertices."""
     known = mesh.sigma[np.isfinite(mesh.sigma)]
     return Page(
         title=title,
@@ -69,7 +69,7 @@ def scan_page(
     )
 
 
-def _clouds(views: Sequence[View], poses: Poses) -> list[Picture]:
+def _clouds(views: Sequence[View], poses: Poses) -> list[ReportImage]:
     if not views:
         return []
     before = [view.cloud() for view in views]
@@ -80,13 +80,13 @@ def _clouds(views: Sequence[View], poses: Poses) -> list[Picture]:
     return [
         _jpeg(
             draw_cloud(np.concatenate(clouds), number.astype(np.float64), viewpoint),
-            f'cloud {when} registration, a colour for each view',
+            f'cloud {when} registration, a color for each view',
         )
         for clouds, when in ((before, 'before'), (after, 'after'))
     ]
 
 
-def _stripes(samples: Sequence[tuple[Frame, Profile]]) -> list[Picture]:
+def _stripes(samples: Sequence[tuple[Frame, Profile]]) -> list[ReportImage]:
     chosen = samples[:: max(1, len(samples) // 4)][:4]
     return [
         _jpeg(overview.overlay(frame, profile), f'picture {frame.seq} with the stripe found')
@@ -94,6 +94,6 @@ def _stripes(samples: Sequence[tuple[Frame, Profile]]) -> list[Picture]:
     ]
 
 
-def _jpeg(picture: Any, caption: str) -> Picture:
+def _jpeg(picture: Any, caption: str) -> ReportImage:
     _, encoded = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, 85])
-    return Picture(data=encoded.tobytes(), media='image/jpeg', caption=caption)
+    return ReportImage(data=encoded.tobytes(), media='image/jpeg', caption=caption)

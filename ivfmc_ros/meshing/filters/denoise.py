@@ -1,50 +1,54 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Bilateral normal filtering of a closed mesh of quadrilaterals (Zheng et al. 2011).
+Bilateral normal filtering of a closed quadrilateral mesh (Zheng et al. 2011).
 
-The normals of neighbouring faces are averaged where they differ by no more than their noise
-lets expect, and the vertices follow them (Sun et al. 2007). A face across an edge of the part
-differs by more and has no say, so that the edge stays.
+The normals of neighboring faces are averaged, weighted by how much they differ in units of their
+noise; then the vertices are moved so that the faces match the filtered normals (Sun et al. 2007).
+A face across an edge of the part differs by more than noise and has almost no weight, so that
+edges stay sharp.
 """
 
 import numpy as np
 
 from ivfmc_ros.meshing.geometry import topology
 from ivfmc_ros.meshing.geometry.normals import cross
-from ivfmc_ros.meshing.parallel import in_parts
+from ivfmc_ros.meshing.parallel import run_chunked
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
 
-# Normals that differ by so many times their noise have a weight of exp(-1/2).
-_ALIKE = 2.5
-_LEAST, _MOST = 0.06, 0.5  # radians, of the noise of a normal times _ALIKE
-_VERTEX_ROUNDS = 5
-_AT_ONCE = 1 << 14  # quads
-_UNFOLDING_ROUNDS = 10
+# Width of the range kernel in 1 sigma of a normal: at this difference the weight is exp(-1/2).
+_RANGE_SIGMAS = 2.5
+# Limits of the width of the range kernel, radians.
+_MIN_RANGE, _MAX_RANGE = 0.06, 0.5
+_VERTEX_ITERATIONS = 5
+_MAX_UNFOLD_ITERATIONS = 10
+_CHUNK = 1 << 14  # quads
 
 
-def denoised(
-    vertices: Floats, quads: Ints, noise: Floats, rounds: int, leash: float = 0.9
+def denoise_quads(
+    vertices: Floats, quads: Ints, noise: Floats, iterations: int, max_shift: float = 0.9
 ) -> Floats:
     """
-    Return the vertices moved to where the filtered normals want them.
+    Return the vertices after bilateral filtering of the face normals.
 
-    vertices : (n, 3); quads : (m, 4), closed and 2-manifold
-    noise : (m,) radians, 1 sigma of each face's normal
-    leash : how far a vertex may go along each axis
+    vertices : (n, 3) float64, any unit
+    quads : (m, 4) int64, closed and 2-manifold
+    noise : (m,) radians, 1 sigma of the normal of each face
+    iterations : rounds of normal filtering; 0 returns the given vertices
+    max_shift : greatest shift of a vertex along each axis, in the unit of ``vertices``
     """
-    if not rounds or not len(quads):
+    if not iterations or not len(quads):
         return vertices
-    around = neighbours(quads)
-    wanted = filtered_normals(quad_normals(vertices, quads), around, noise, rounds)
-    return unfolded(vertices, _followed(vertices, quads, wanted, leash), quads)
+    neighbors = quad_neighbors(quads)
+    filtered = filter_normals(quad_normals(vertices, quads), neighbors, noise, iterations)
+    return unfold(vertices, _fit_vertices(vertices, quads, filtered, max_shift), quads)
 
 
-def neighbours(quads: Ints) -> Ints:
-    """Return the (m, 4) quads across each edge of closed 2-manifold quads."""
+def quad_neighbors(quads: Ints) -> Ints:
+    """Return (m, 4) int64, the quad across each edge of closed 2-manifold quads."""
     following = np.roll(quads, -1, axis=1)
     low, high = np.minimum(quads, following).ravel(), np.maximum(quads, following).ravel()
     order = np.argsort(low * (int(quads.max()) + 1) + high, kind='stable')
@@ -54,67 +58,80 @@ def neighbours(quads: Ints) -> Ints:
 
 
 def quad_normals(vertices: Floats, quads: Ints) -> Floats:
-    """Return the (m, 3) unit normals: the cross product of the diagonals."""
+    """Return the (m, 3) unit normals of quads: the cross product of their diagonals."""
     found = np.empty((len(quads), 3))
 
-    def compute(some: slice) -> None:
-        a, b, c, d = (vertices.take(column, axis=0).T for column in quads[some].T)
-        across = cross(c - a, d - b)
-        found[some] = (across / np.maximum(np.linalg.norm(across, axis=0), 1e-30)).T
+    def compute(chunk: slice) -> None:
+        a, b, c, d = (vertices.take(column, axis=0).T for column in quads[chunk].T)
+        area = cross(c - a, d - b)
+        found[chunk] = (area / np.maximum(np.linalg.norm(area, axis=0), 1e-30)).T
 
-    in_parts(compute, len(quads), _AT_ONCE)
+    run_chunked(compute, len(quads), _CHUNK)
     return found
 
 
-def filtered_normals(normals: Floats, around: Ints, noise: Floats, rounds: int) -> Singles:
-    """Return the normals after ``rounds`` of averaging with those around that are alike."""
-    limit = np.clip(_ALIKE * noise, _LEAST, _MOST).astype(np.float32)
-    sharpness = -0.5 / (limit * limit)
-    # one array for each of x, y, z, and for each side of the quads: all runs along memory
+def filter_normals(normals: Floats, neighbors: Ints, noise: Floats, iterations: int) -> Singles:
+    """
+    Return the normals after ``iterations`` of the bilateral mean over the four neighbors.
+
+    normals : (m, 3) unit
+    neighbors : (m, 4) int64, from ``quad_neighbors``
+    noise : (m,) radians, 1 sigma of each normal
+    returns : (m, 3) float32, unit
+    """
+    width = np.clip(_RANGE_SIGMAS * noise, _MIN_RANGE, _MAX_RANGE).astype(np.float32)
+    exponent = -0.5 / (width * width)
+    # one array for each of x, y, z, and for each side of the quads: contiguous in memory
     single = np.ascontiguousarray(normals.T, dtype=np.float32)
     after = np.empty_like(single)
-    sides = np.ascontiguousarray(around.T)
+    sides = np.ascontiguousarray(neighbors.T)
 
-    def average(some: slice) -> None:
-        x, y, z = own = single[:, some]
-        a, b, c = beside = [row.take(sides[:, some]) for row in single]
-        weight = np.exp((2.0 - 2.0 * (a * x + b * y + c * z)) * sharpness[some])
-        mean = own + np.stack([(weight * row).sum(axis=0) for row in beside])
-        after[:, some] = mean / np.maximum(np.sqrt((mean * mean).sum(axis=0)), 1e-12)
+    def average(chunk: slice) -> None:
+        x, y, z = own = single[:, chunk]
+        a, b, c = others = [row.take(sides[:, chunk]) for row in single]
+        weight = np.exp((2.0 - 2.0 * (a * x + b * y + c * z)) * exponent[chunk])
+        mean = own + np.stack([(weight * row).sum(axis=0) for row in others])
+        after[:, chunk] = mean / np.maximum(np.sqrt((mean * mean).sum(axis=0)), 1e-12)
 
-    for _ in range(rounds):
-        in_parts(average, len(normals), _AT_ONCE)
+    for _ in range(iterations):
+        run_chunked(average, len(normals), _CHUNK)
         single, after = after, single
     return np.ascontiguousarray(single.T)
 
 
-def _followed(vertices: Floats, quads: Ints, normals: Singles, leash: float) -> Floats:
+def _fit_vertices(vertices: Floats, quads: Ints, normals: Singles, max_shift: float) -> Floats:
     """Move each vertex to the mean of its projections on the planes of its faces."""
     count = len(vertices)
-    adding = topology.adding(quads, count, np.float32)
+    summing = topology.face_to_vertex_sum(quads, count, np.float32)
     faces = np.maximum(np.bincount(quads.ravel(), minlength=count), 1).astype(np.float32)
     # the sum of n (n.(c - v)) over faces is that of n (n.c), less that of n n^T times v
     x, y, z = normals.T
-    squares = adding @ np.stack([x * x, y * y, z * z, x * y, y * z, z * x], axis=1)
+    squares = summing @ np.stack([x * x, y * y, z * z, x * y, y * z, z * x], axis=1)
     start = vertices.astype(np.float32)
     moved = start.copy()
-    for _ in range(_VERTEX_ROUNDS):
-        total = adding @ _pushed(moved, quads, normals)
+    for _ in range(_VERTEX_ITERATIONS):
+        total = summing @ _center_projections(moved, quads, normals)
 
-        def move(some: slice, total: Singles = total) -> None:
-            step = (total[some].T - _times(squares[some].T, moved[some].T)) / faces[some]
-            there, leashed = moved[some] + step.T, start[some]
-            np.clip(there, leashed - leash, leashed + leash, out=moved[some])
+        def move(chunk: slice, total: Singles = total) -> None:
+            offset = total[chunk].T - _symmetric_product(squares[chunk].T, moved[chunk].T)
+            step = offset / faces[chunk]
+            target, origin = moved[chunk] + step.T, start[chunk]
+            np.clip(target, origin - max_shift, origin + max_shift, out=moved[chunk])
 
-        in_parts(move, count, _AT_ONCE)
+        run_chunked(move, count, _CHUNK)
     return np.asarray(moved, dtype=np.float64)
 
 
-def unfolded(start: Floats, moved: Floats, quads: Ints) -> Floats:
-    """Put vertices back around quads that moving folded, until none is."""
+def unfold(start: Floats, moved: Floats, quads: Ints) -> Floats:
+    """
+    Return ``moved``, with the vertices of folded quads put back to ``start`` until none is folded.
+
+    start, moved : (n, 3) vertices before and after denoising
+    quads : (m, 4) int64
+    """
     before = quad_normals(start, quads)
     moved = moved.copy()
-    for _ in range(_UNFOLDING_ROUNDS):
+    for _ in range(_MAX_UNFOLD_ITERATIONS):
         folded = _folded(moved, quads, before)
         if not folded.any():
             break
@@ -126,43 +143,44 @@ def unfolded(start: Floats, moved: Floats, quads: Ints) -> Floats:
 
 
 def _folded(vertices: Floats, quads: Ints, normals: Floats) -> Bools:
-    """Tell of which quads a corner looks away from the normal that is given for it."""
+    """Return (m,) bool, which quads have a corner that faces against the given normal."""
     single = vertices.astype(np.float32)
     folded = np.empty(len(quads), dtype=bool)
 
-    def look(some: slice) -> None:
-        folded[some] = _folded_of(single.take(quads[some].T, axis=0), normals[some])
+    def check(chunk: slice) -> None:
+        folded[chunk] = _has_folded_corner(single.take(quads[chunk].T, axis=0), normals[chunk])
 
-    in_parts(look, len(quads), _AT_ONCE)
+    run_chunked(check, len(quads), _CHUNK)
     return folded
 
 
-def _folded_of(corners_xyz: Singles, normals: Floats) -> Bools:
+def _has_folded_corner(corners_xyz: Singles, normals: Floats) -> Bools:
+    """Return (m,) bool for (4, m, 3) corners of quads."""
     nx, ny, nz = np.ascontiguousarray(normals.T, dtype=np.float32)
     corners = np.ascontiguousarray(np.moveaxis(corners_xyz, 2, 1))
     sides = np.roll(corners, -1, axis=0) - corners
     folded = np.zeros(len(normals), dtype=bool)
     for (ax, ay, az), (bx, by, bz) in zip(np.roll(sides, 1, axis=0), sides, strict=True):
-        across = (ay * bz - az * by) * nx + (az * bx - ax * bz) * ny + (ax * by - ay * bx) * nz
-        folded |= across < 0.0
+        facing = (ay * bz - az * by) * nx + (az * bx - ax * bz) * ny + (ax * by - ay * bx) * nz
+        folded |= facing < 0.0
     return folded
 
 
-def _pushed(vertices: Singles, quads: Ints, normals: Singles) -> Singles:
-    """Return (m, 3) the normals, as long as the middles of the quads are high along them."""
-    pushed = np.empty_like(normals)
+def _center_projections(vertices: Singles, quads: Ints, normals: Singles) -> Singles:
+    """Return (m, 3) n (n.c) of each quad with normal n and center c."""
+    projections = np.empty_like(normals)
 
-    def push(some: slice) -> None:
-        normal = normals[some]
-        a, b, c, d = (vertices.take(column, axis=0) for column in quads[some].T)
+    def project(chunk: slice) -> None:
+        normal = normals[chunk]
+        a, b, c, d = (vertices.take(column, axis=0) for column in quads[chunk].T)
         height = np.float32(0.25) * np.einsum('mc,mc->m', normal, a + b + c + d)
-        pushed[some] = height[:, None] * normal
+        projections[chunk] = height[:, None] * normal
 
-    in_parts(push, len(quads), _AT_ONCE)
-    return pushed
+    run_chunked(project, len(quads), _CHUNK)
+    return projections
 
 
-def _times(squares: Singles, vectors: Singles) -> Singles:
+def _symmetric_product(squares: Singles, vectors: Singles) -> Singles:
     """Multiply (3, n) vectors by symmetric matrices (6, n): xx, yy, zz, xy, yz, zx."""
     xx, yy, zz, xy, yz, zx = squares
     x, y, z = np.ascontiguousarray(vectors)

@@ -1,50 +1,58 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Normals of triangles and vertices."""
+"""Unit normals of triangles and of vertices."""
 
 import numpy as np
 
 from ivfmc_ros.meshing.geometry import topology
-from ivfmc_ros.meshing.parallel import in_parts
+from ivfmc_ros.meshing.parallel import run_chunked
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 
-_AT_ONCE = 1 << 14  # faces
+_CHUNK = 1 << 14  # faces
 
 
-def of_vertices(vertices_xyz: Floats, faces: Ints) -> Floats:
+def vertex_normals(vertices_xyz: Floats, faces: Ints) -> Floats:
     """
-    Return the normal of every vertex: the mean of its faces' normals, weighted by their area.
+    Return the normal of every vertex: the area-weighted mean of the normals of its faces.
 
-    vertices_xyz : (n, 3) metres; faces : (m, 3)
-    returns : (n, 3) float64, unit; NaN at a vertex without a face of some area
+    vertices_xyz : (n, 3) float64, meters
+    faces : (m, 3) int64, counter-clockwise seen from outside
+    returns : (n, 3) float64, unit; NaN at a vertex that has no face with an area
     """
-    # the cross product is twice the area long, which is the weight
-    across = np.empty((len(faces), 3))
+    # the cross product of two edges is twice the area long, which is the weight
+    areas = np.empty((len(faces), 3))
 
-    def compute(some: slice) -> None:
-        across[some] = _across(vertices_xyz, faces[some])
+    def compute(chunk: slice) -> None:
+        areas[chunk] = _area_vectors(vertices_xyz, faces[chunk])
 
-    in_parts(compute, len(faces), _AT_ONCE)
-    total = topology.adding(faces, len(vertices_xyz)) @ across
+    run_chunked(compute, len(faces), _CHUNK)
+    total = topology.face_to_vertex_sum(faces, len(vertices_xyz)) @ areas
     with np.errstate(invalid='ignore'):
         total /= np.sqrt(np.einsum('nc,nc->n', total, total))[:, None]
     return np.asarray(total)
 
 
-def of_faces(vertices_xyz: Floats, faces: Ints) -> Floats:
-    """Return (m, 3) unit normals of faces; NaN for one without area."""
-    across = _across(vertices_xyz, faces)
+def face_normals(vertices_xyz: Floats, faces: Ints) -> Floats:
+    """
+    Return the normals of triangles.
+
+    vertices_xyz : (n, 3) float64
+    faces : (m, 3) int64, counter-clockwise seen from outside
+    returns : (m, 3) float64, unit; NaN for a triangle without area
+    """
+    areas = _area_vectors(vertices_xyz, faces)
     with np.errstate(invalid='ignore'):
-        return np.asarray(across / np.linalg.norm(across, axis=1, keepdims=True))
+        return np.asarray(areas / np.linalg.norm(areas, axis=1, keepdims=True))
 
 
-def _across(vertices_xyz: Floats, faces: Ints) -> Floats:
+def _area_vectors(vertices_xyz: Floats, faces: Ints) -> Floats:
+    """Return (m, 3) cross products of two edges: the normal times twice the area."""
     a, b, c = (vertices_xyz.take(column, axis=0).T for column in faces.T)
     return np.ascontiguousarray(cross(b - a, c - a).T)
 
 
 def cross(first: Floats, second: Floats) -> Floats:
-    """Return the (3, n) cross products of (3, n) vectors."""
+    """Return the (3, n) cross products of two (3, n) arrays of column vectors."""
     (ax, ay, az), (bx, by, bz) = first, second
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How triangles hang together: pieces, boundary loops, fans."""
+"""Connectivity of polygon meshes: connected components, boundary loops, bow-tie vertices."""
 
 from dataclasses import dataclass
 
@@ -14,15 +14,18 @@ from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 
-_ROUNDS = 20
+# Removing a fan of faces can pinch a neighboring vertex; the removal is repeated this often.
+_MAX_BOW_TIE_ITERATIONS = 20
 
 
 @dataclass(frozen=True, kw_only=True)
-class Loop:
+class BoundaryLoop:
     """
-    A closed run of boundary edges: where a mesh is open.
+    A closed chain of boundary edges: a hole or the outer border of an open mesh.
 
-    length : metres; center_xyz : metres, mean of its vertices
+    edges : number of edges
+    length : meters
+    center_xyz : meters, mean of its vertices
     """
 
     edges: int
@@ -30,8 +33,14 @@ class Loop:
     center_xyz: tuple[float, float, float]
 
 
-def adding(faces: Ints, vertices: int, dtype: DTypeLike = np.float64) -> csc_array:
-    """Return the (vertices, faces) matrix that adds up what is given for the faces of each."""
+def face_to_vertex_sum(faces: Ints, vertices: int, dtype: DTypeLike = np.float64) -> csc_array:
+    """
+    Return the sparse matrix that sums values of faces at their vertices.
+
+    faces : (m, k) int64, vertex indices
+    vertices : number of vertices
+    returns : (vertices, m), one where a face uses a vertex
+    """
     corners = faces.shape[1]
     return csc_array(
         (
@@ -43,8 +52,13 @@ def adding(faces: Ints, vertices: int, dtype: DTypeLike = np.float64) -> csc_arr
     )
 
 
-def pieces(faces: Ints, vertices: int) -> Ints:
-    """Return (m,) of each face the number of its piece: faces that share a vertex are one."""
+def face_components(faces: Ints, vertices: int) -> Ints:
+    """
+    Label the connected components of a mesh; faces that share a vertex are connected.
+
+    faces : (m, k) int64; vertices : number of vertices
+    returns : (m,) int64, label of the component of each face
+    """
     first = np.repeat(faces[:, 0], faces.shape[1] - 1)
     graph = coo_array(
         (np.ones(len(first), dtype=np.int8), (first, faces[:, 1:].ravel())),
@@ -54,16 +68,8 @@ def pieces(faces: Ints, vertices: int) -> Ints:
     return np.asarray(label[faces[:, 0]], dtype=np.int64)
 
 
-def large_pieces(faces: Ints, vertices: int, least: int) -> Bools:
-    """Tell of each face whether its piece has at least ``least`` faces."""
-    if not len(faces):
-        return np.zeros(0, dtype=bool)
-    piece = pieces(faces, vertices)
-    return np.asarray(np.bincount(piece)[piece] >= least)
-
-
 def boundary_edges(faces: Ints) -> Ints:
-    """Return the (n, 2) directed edges that belong to one face only."""
+    """Return the (n, 2) directed edges that belong to exactly one of the (m, k) faces."""
     following = np.roll(faces, -1, axis=1)
     edges = np.stack([faces.ravel(), following.ravel()], axis=1)
     low, high = edges.min(axis=1), edges.max(axis=1)
@@ -72,8 +78,13 @@ def boundary_edges(faces: Ints) -> Ints:
     return np.asarray(edges[first[count == 1]])
 
 
-def boundary_loops(vertices_xyz: Floats, faces: Ints) -> list[Loop]:
-    """Return the loops of a mesh's boundary, the longest first."""
+def boundary_loops(vertices_xyz: Floats, faces: Ints) -> list[BoundaryLoop]:
+    """
+    Return the boundary loops of a mesh, the longest first.
+
+    vertices_xyz : (n, 3) float64, meters
+    faces : (m, k) int64
+    """
     edges = boundary_edges(faces)
     if not len(edges):
         return []
@@ -88,7 +99,7 @@ def boundary_loops(vertices_xyz: Floats, faces: Ints) -> list[Loop]:
     start = vertices_xyz[edges[:, 0]]
     center = np.stack([np.bincount(loop, start[:, k], count) / number for k in range(3)], axis=1)
     return [
-        Loop(
+        BoundaryLoop(
             edges=int(number[k]),
             length=float(total[k]),
             center_xyz=(float(center[k, 0]), float(center[k, 1]), float(center[k, 2])),
@@ -97,39 +108,43 @@ def boundary_loops(vertices_xyz: Floats, faces: Ints) -> list[Loop]:
     ]
 
 
-def without_bow_ties(faces: Ints, vertices: int) -> Bools:
+def faces_without_bow_ties(faces: Ints, vertices: int) -> Bools:
     """
-    Tell which faces to keep so that no vertex is met by two fans of faces.
+    Return which faces to keep so that no vertex is a bow tie, where two fans of faces meet.
 
-    Of the fans at such a vertex the largest stays. Faces are of a 2-manifold of which some have
-    been taken away.
+    Of the fans at a bow-tie vertex the largest is kept.
+
+    faces : (m, k) int64, of a 2-manifold from which faces may have been removed
+    vertices : number of vertices
+    returns : (m,) bool
     """
     keep = np.ones(len(faces), dtype=bool)
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_BOW_TIE_ITERATIONS):
         chosen = np.flatnonzero(keep)
-        bad = _small_fans(faces[chosen], vertices)
-        if not bad.any():
+        removed = _in_smaller_fan(faces[chosen], vertices)
+        if not removed.any():
             break
-        keep[chosen[bad]] = False
+        keep[chosen[removed]] = False
     return keep
 
 
-def _small_fans(faces: Ints, vertices: int) -> Bools:
-    """Tell which faces are in a smaller fan of a vertex that has two."""
+def _in_smaller_fan(faces: Ints, vertices: int) -> Bools:
+    """Return (m,) bool, which faces are not in the largest fan of one of their vertices."""
     edges = boundary_edges(faces)
     ends = np.bincount(edges.ravel(), minlength=vertices)
-    pinched = ends > 2
-    bad = np.zeros(len(faces), dtype=bool)
-    around = np.flatnonzero(pinched[faces].any(axis=1))
-    for vertex in np.unique(faces[around][pinched[faces[around]]]).tolist():
+    # one fan has two boundary edges at its vertex
+    bow_tie = ends > 2
+    smaller = np.zeros(len(faces), dtype=bool)
+    around = np.flatnonzero(bow_tie[faces].any(axis=1))
+    for vertex in np.unique(faces[around][bow_tie[faces[around]]]).tolist():
         fan = around[(faces[around] == vertex).any(axis=1)]
-        label = _fans(faces[fan], vertex)
-        bad[fan[label != np.bincount(label).argmax()]] = True
-    return bad
+        label = _fan_labels(faces[fan], vertex)
+        smaller[fan[label != np.bincount(label).argmax()]] = True
+    return smaller
 
 
-def _fans(faces: Ints, vertex: int) -> Ints:
-    """Number the fans of the faces around a vertex: those of a fan share an edge at it."""
+def _fan_labels(faces: Ints, vertex: int) -> Ints:
+    """Label the fans of the faces around a vertex: faces of a fan share an edge at it."""
     at = np.argmax(faces == vertex, axis=1)
     rows = np.arange(len(faces))
     sides = faces.shape[1]
@@ -139,8 +154,13 @@ def _fans(faces: Ints, vertex: int) -> Ints:
     return np.asarray(label, dtype=np.int64)
 
 
-def compact(faces: Ints, vertices: int) -> tuple[Ints, Ints]:
-    """Return which vertices faces use, and the faces over those."""
+def compact_vertices(faces: Ints, vertices: int) -> tuple[Ints, Ints]:
+    """
+    Remove unused vertices.
+
+    faces : (m, k) int64; vertices : number of vertices
+    returns : (n,) indices of the vertices that faces use, and the (m, k) faces over these
+    """
     used = np.zeros(vertices, dtype=bool)
     used[faces.ravel()] = True
     number = np.cumsum(used) - 1

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""3MF, the one format of printing and CAM that carries its unit; by the consortium's library."""
+"""Writes 3MF files, which state their unit, with lib3mf of the 3MF Consortium."""
 
 from importlib.util import find_spec
 from typing import Any
@@ -18,16 +18,21 @@ _UNITS = {'m': 'Meter', 'mm': 'MilliMeter', 'inch': 'Inch'}
 
 
 def require() -> None:
-    """:raises ParameterError: the library is not installed; there are no wheels for ARM."""
+    """
+    Check that lib3mf is installed. There are no wheels for ARM.
+
+    :raises ParameterError: it is not
+    """
     if find_spec('lib3mf') is None:
         raise ParameterError('3mf: needs lib3mf, which is not installed: pip install lib3mf')
 
 
 def write(stream: BinaryIO, mesh: Mesh, vertices: Floats, unit: str) -> None:
     """
-    Write one object: a solid if it is closed, else a surface.
+    Write a mesh as one object: of type model if it is closed, else of type surface.
 
-    vertices : (n, 3) in ``unit``
+    vertices : (n, 3), in ``unit``
+    unit : m, mm or inch
     :raises ParameterError: lib3mf is not installed
     """
     require()
@@ -35,17 +40,17 @@ def write(stream: BinaryIO, mesh: Mesh, vertices: Floats, unit: str) -> None:
 
     model = lib3mf.get_wrapper().CreateModel()
     model.SetUnit(getattr(lib3mf.ModelUnit, _UNITS[unit]))
-    solid = model.AddMeshObject()
-    solid.SetName('ivfmc_ros')
-    solid.SetGeometry(
+    item = model.AddMeshObject()
+    item.SetName('ivfmc_ros')
+    item.SetGeometry(
         _array(lib3mf.Position, vertices, '<f4'), _array(lib3mf.Triangle, mesh.faces, '<u4')
     )
     closed = not len(boundary_edges(mesh.faces))
-    solid.SetType(getattr(lib3mf.ObjectType, 'Model' if closed else 'Surface'))
-    model.AddBuildItem(solid, lib3mf.get_wrapper().GetIdentityTransform())
+    item.SetType(getattr(lib3mf.ObjectType, 'Model' if closed else 'Surface'))
+    model.AddBuildItem(item, lib3mf.get_wrapper().GetIdentityTransform())
     stream.write(bytes(model.QueryWriter('3mf').WriteToBuffer()))
 
 
 def _array(kind: Any, rows: Floats | Ints, dtype: str) -> Any:
-    """Return (n, 3) numbers as an array of the library's structures."""
+    """Return (n, 3) numbers as a ctypes array of a structure of lib3mf."""
     return (kind * len(rows)).from_buffer_copy(np.ascontiguousarray(rows, dtype=dtype))

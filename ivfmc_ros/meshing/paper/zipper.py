@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Views joined to one mesh: where surfaces overlap, one of them is redundant and goes."""
+"""Merging of range meshes without their redundant overlap, as in zippering (Turk & Levoy 1994)."""
 
 from collections.abc import Iterable
 
@@ -19,55 +19,56 @@ from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
 from ivfmc_ros.surface import Surface
 
-# Two surfaces nearer than the reach are the same one only if their normals agree (60 degrees):
-# the two sides of a thin wall are not.
-_SAME_SIDE = 0.5
+# Nearby surfaces overlap only if their normals agree (cosine; 60 degrees): the two sides of a
+# thin wall do not.
+_MIN_NORMAL_COSINE = 0.5
 
 
-def join_views(cell: Cell, views: Iterable[View], poses: Poses, max_edge: float) -> Mesh:
+def zipper_views(cell: Cell, views: Iterable[View], poses: Poses, max_edge: float) -> Mesh:
     """
-    Triangulate every view and join them.
+    Triangulate every view and merge the range meshes.
 
-    A stripe runs over the axis, so a top face is measured twice in one sweep, once on either
-    side of the axis: each side of each view is a patch of its own. Patches are added in turn
-    without the faces that lie on what is there.
+    A stripe crosses the turntable axis, so that a top face is measured twice in one sweep, once
+    on either side of the axis. Each side of each view is therefore a range mesh of its own. Range
+    meshes are added one after another, without the faces that overlap with the previous ones.
 
-    max_edge : metres
+    max_edge : meters
     returns : Mesh in ``turntable``
     :raises GeometryError: no view has a triangle
     """
     views = list(views)
-    patches = []
-    for side in (True, False):
+    meshes = []
+    for camera_side in (True, False):
         for view, T in zip(views, poses.turntable_from_view, strict=True):
-            chosen = _laser_side(cell, view) == side
-            patches.append(_moved(range_mesh(cell, view, max_edge, chosen), T))
-    patches = [patch for patch in patches if len(patch.faces)]
-    if not patches:
+            chosen = _on_camera_side(cell, view) == camera_side
+            meshes.append(_transformed(range_mesh(cell, view, max_edge, chosen), T))
+    meshes = [mesh for mesh in meshes if len(mesh.faces)]
+    if not meshes:
         raise GeometryError(
-            f'meshing: no three neighbouring points lie within {max_edge * 1e3:.2f} mm; '
+            f'meshing: no three neighboring points lie within {max_edge * 1e3:.2f} mm; '
             'raise max_edge or scan in finer steps'
         )
-    whole = patches[0]
-    for patch in patches[1:]:
-        whole = _concatenate(whole, without_redundant(patch, whole, 0.5 * max_edge))
+    whole = meshes[0]
+    for mesh in meshes[1:]:
+        whole = _concatenate(whole, remove_redundant(mesh, whole, 0.5 * max_edge))
     return whole
 
 
-def without_redundant(patch: Mesh, known: Mesh, reach: float) -> Mesh:
+def remove_redundant(mesh: Mesh, known: Mesh, max_distance: float) -> Mesh:
     """
-    Return the patch without the faces that lie on ``known``.
+    Return a mesh without the faces that overlap with ``known``.
 
-    reach : metres; a vertex this near to a face of ``known`` that faces the same way is redundant
+    max_distance : meters; a vertex this near to a face of ``known`` with the same orientation is
+        redundant, and a face if all of its vertices are
     """
-    found = Surface(known.vertices_xyz, known.faces).nearest(patch.vertices_xyz)
-    agree = (found.normals * patch.normals).sum(axis=1) > _SAME_SIDE
-    redundant: Bools = (found.distance < reach) & agree
-    return _with_faces(patch, patch.faces[~redundant[patch.faces].all(axis=1)])
+    found = Surface(known.vertices_xyz, known.faces).nearest(mesh.vertices_xyz)
+    agree = (found.normals * mesh.normals).sum(axis=1) > _MIN_NORMAL_COSINE
+    redundant: Bools = (found.distance < max_distance) & agree
+    return _with_faces(mesh, mesh.faces[~redundant[mesh.faces].all(axis=1)])
 
 
-def _laser_side(cell: Cell, view: View) -> Bools:
-    """Tell of every point whether the stripe was on the camera's side of the axis."""
+def _on_camera_side(cell: Cell, view: View) -> Bools:
+    """Return (rows, columns) bool, which points were on the camera's side of the axis."""
     R = cell.turntable.camera_from_base[:3, :3]
     normal = R.T @ cell.lasers[view.laser].normal
     along = np.cross([0.0, 0.0, 1.0], normal)
@@ -78,7 +79,7 @@ def _laser_side(cell: Cell, view: View) -> Bools:
         return np.asarray((view.points_xyz * in_part).sum(axis=2) >= 0.0)
 
 
-def _moved(mesh: Mesh, T: Floats) -> Mesh:
+def _transformed(mesh: Mesh, T: Floats) -> Mesh:
     return Mesh(
         vertices_xyz=transforms.apply(T, mesh.vertices_xyz),
         faces=mesh.faces,
@@ -89,7 +90,7 @@ def _moved(mesh: Mesh, T: Floats) -> Mesh:
 
 
 def _with_faces(mesh: Mesh, faces: Ints) -> Mesh:
-    """Return the mesh with other faces over its vertices, without those left unused."""
+    """Return the mesh with other faces over its vertices, without unused vertices."""
     used, faces = np.unique(faces, return_inverse=True)
     return Mesh(
         vertices_xyz=mesh.vertices_xyz[used],
@@ -106,7 +107,7 @@ def _concatenate(a: Mesh, b: Mesh) -> Mesh:
     return Mesh(
         vertices_xyz=vertices,
         faces=faces,
-        normals=normals.of_vertices(vertices, faces),
+        normals=normals.vertex_normals(vertices, faces),
         sigma=np.concatenate([a.sigma, b.sigma]),
         intensity=np.concatenate([a.intensity, b.intensity]),
     )

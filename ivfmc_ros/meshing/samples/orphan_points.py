@@ -1,11 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Points that their own view gives no normal: one from the faces around, or only word of them.
+Normals for orphan points from the faces around them.
 
-A stripe that falls on a wall in a single picture has no neighbours to the side. Where it lies in
-the plane of samples that are farther away, and these face as that plane does, it is part of
-their face.
+An orphan point has no normal in its own view: a stripe that falls on a wall in a single profile
+has no neighbors in other columns. Where orphan points lie in the plane of samples farther away,
+and the normals of these samples agree with the plane, the points belong to the same face.
 """
 
 from dataclasses import replace
@@ -13,62 +13,67 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ivfmc_ros.meshing.samples.planes import Around
-from ivfmc_ros.meshing.samples.planes import planes_at
-from ivfmc_ros.meshing.samples.surface_samples import merge
-from ivfmc_ros.meshing.samples.surface_samples import Samples
+from ivfmc_ros.meshing.samples.planes import fit_planes
+from ivfmc_ros.meshing.samples.planes import Neighborhood
+from ivfmc_ros.meshing.samples.surface_samples import merge_samples
+from ivfmc_ros.meshing.samples.surface_samples import SurfaceSamples
 from ivfmc_ros.model import Floats
 
-_NEIGHBOURS, _SCALE = 60, 2.0  # count; voxels
-_EVERY = 3  # samples are denser than what was measured
-_IN_PLANE = 2.5  # sigmas
-_LEAST_SHARE, _LEAST_MEMBERS, _BROAD = 0.5, 5, 0.6
-_LEAST_FACING = 0.15
-# A normal from such points is worth less than one from a grid.
-_WORTH = 0.3
+_MAX_NEIGHBORS = 60
+_DISTANCE_SIGMA = 2.0  # voxels, 1 sigma of the weight of a neighbor by its distance
+_SAMPLE_STRIDE = 3  # interpolation makes samples denser than measured points
+_INLIER_SIGMAS = 2.5
+# Least share and number of inliers of a plane, and their least breadth in voxels.
+_MIN_INLIER_RATIO, _MIN_INLIERS, _MIN_BREADTH = 0.5, 5, 0.6
+_MIN_FACING = 0.15  # cosine between the normal and the direction to the camera
+# Weight of an attached point relative to the nearest sample: its normal is less certain.
+_WEIGHT = 0.3
 
 
-def adopted(
-    samples: Samples, cut_xyz: Floats, sigma: float, voxel: float, reach: float
-) -> Samples:
+def attach_orphan_points(
+    samples: SurfaceSamples, dropped_xyz: Floats, sigma: float, voxel: float, radius: float
+) -> SurfaceSamples:
     """
-    Return the samples with those points without a normal that lie in a face of others.
+    Return the samples, and as further samples those orphan points that lie in a face of others.
 
-    cut_xyz : (n, 3) metres, ends of stripes that do not go on as these do: given up if they do not
-    sigma : metres, of a usual point
-    reach : metres, up to which a face may be away
+    dropped_xyz : (n, 3) meters, truncated ends of stripes, which are attached likewise; those
+        that lie in no face are dropped and do not stay orphan points
+    sigma : meters, median 1 sigma of all points
+    voxel : meters
+    radius : meters, search radius for the face
     """
-    asked = np.concatenate([samples.alone_xyz, cut_xyz])
-    if not len(asked) or not len(samples):
+    queries = np.concatenate([samples.orphans_xyz, dropped_xyz])
+    if not len(queries) or not len(samples):
         return samples
-    alone = samples.alone_xyz
-    unknown = np.full(alone.shape, np.nan)
-    around = Around(
-        points_xyz=np.concatenate([samples.points_xyz[::_EVERY], alone]),
-        normals=np.concatenate([samples.normals[::_EVERY], unknown]),
-        count=_NEIGHBOURS,
-        reach=reach,
-        scale=_SCALE * voxel,
+    orphans = samples.orphans_xyz
+    unknown = np.full(orphans.shape, np.nan)
+    neighborhood = Neighborhood(
+        points_xyz=np.concatenate([samples.points_xyz[::_SAMPLE_STRIDE], orphans]),
+        normals=np.concatenate([samples.normals[::_SAMPLE_STRIDE], unknown]),
+        max_neighbors=_MAX_NEIGHBORS,
+        radius=radius,
+        distance_sigma=_DISTANCE_SIGMA * voxel,
     )
-    planes = planes_at(asked, around, _IN_PLANE * sigma, voxel, through=True)
-    _, beside = cKDTree(samples.points_xyz).query(asked)
-    facing = (planes.normals * samples.sight[beside]).sum(axis=1)
+    tolerance = _INLIER_SIGMAS * sigma
+    planes = fit_planes(queries, neighborhood, tolerance, voxel, through_query=True)
+    _, nearest = cKDTree(samples.points_xyz).query(queries)
+    facing = (planes.normals * samples.to_camera[nearest]).sum(axis=1)
     good = (
-        (planes.share > _LEAST_SHARE)
-        & (planes.members > _LEAST_MEMBERS)
-        & (planes.breadth > _BROAD * voxel)
-        & (np.abs(planes.height) < _IN_PLANE * sigma)
-        & (np.abs(facing) > _LEAST_FACING)
+        (planes.inlier_ratio > _MIN_INLIER_RATIO)
+        & (planes.inliers > _MIN_INLIERS)
+        & (planes.breadth > _MIN_BREADTH * voxel)
+        & (np.abs(planes.height) < _INLIER_SIGMAS * sigma)
+        & (np.abs(facing) > _MIN_FACING)
     )
-    kept = np.arange(len(asked)) < len(samples.alone_xyz)
-    chosen = beside[good]
+    is_orphan = np.arange(len(queries)) < len(samples.orphans_xyz)
+    chosen = nearest[good]
     normals = planes.normals * np.copysign(1.0, facing)[:, None]
-    new = Samples(
-        points_xyz=asked[good],
+    attached = SurfaceSamples(
+        points_xyz=queries[good],
         normals=normals[good],
-        sight=samples.sight[chosen],
-        weight=_WORTH * samples.weight[chosen],
+        to_camera=samples.to_camera[chosen],
+        weight=_WEIGHT * samples.weight[chosen],
         intensity=samples.intensity[chosen],
-        alone_xyz=asked[kept & ~good],
+        orphans_xyz=queries[is_orphan & ~good],
     )
-    return merge([replace(samples, alone_xyz=np.empty((0, 3))), new])
+    return merge_samples([replace(samples, orphans_xyz=np.empty((0, 3))), attached])

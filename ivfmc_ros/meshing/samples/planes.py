@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The plane that most of the points around a point lie in, however many lie beside it."""
+"""Robust local planes: RANSAC over the neighbors of each query point (Fischler & Bolles 1981)."""
 
 from dataclasses import dataclass
 from dataclasses import fields
@@ -12,180 +12,202 @@ from scipy.spatial import cKDTree
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 
-_GUESSES = 80
-_NEAREST = 10  # every other guess is of these
-# Three points of a guess span at least a square of this (voxels).
-_LEAST_SPAN = 0.5
-# Points with a normal belong to a plane of about the same one (cosine).
-_AGREEING = 0.96
-_LEAST_AGREEING = 6
-_FAR = 1e-4  # weight of a neighbour at any distance
-_AT_ONCE = 1 << 14  # points
-_ITSELF = 1e-9  # metres
-_SAME = 0.05  # voxels, within which points count as one
+_HYPOTHESES = 80  # per query point
+_NEAREST = 10  # every other hypothesis is drawn from so many nearest neighbors only
+# The three points of a hypothesis span at least a square of this side, voxels.
+_MIN_SPAN = 0.5
+# Least cosine between the normal of an inlier, if it has one, and the plane; 16 degrees.
+_MIN_NORMAL_COSINE = 0.96
+_MIN_ORIENTED_INLIERS = 6  # with a normal, if the neighborhood has normals
+_FAR_WEIGHT = 1e-4  # weight of a neighbor at any distance
+_CHUNK = 1 << 14  # query points
+_SAME_POINT = 1e-9  # meters; a neighbor this near is the query point itself
+_DUPLICATE_CELL = 0.05  # voxels; points in one such cell count as one
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Around:
+class Neighborhood:
     """
-    Which points tell of a plane.
+    Points from which planes are estimated, and how they are searched and weighted.
 
-    points_xyz : (n, 3) metres
-    normals : (n, 3) unit of either sign, NaN where not known; or None
-    count : how many of the nearest; reach : metres, within which these are
-    scale : metres, 1 sigma of the weight of a neighbour by its distance
+    points_xyz : (n, 3) meters
+    normals : (n, 3) unit, of either sign, NaN where unknown; or None
+    max_neighbors : number of nearest neighbors
+    radius : meters, search radius
+    distance_sigma : meters, 1 sigma of the Gaussian weight of a neighbor by its distance
     """
 
     points_xyz: Floats
-    count: int
-    reach: float
-    scale: float
+    max_neighbors: int
+    radius: float
+    distance_sigma: float
     normals: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Planes:
+class LocalPlanes:
     """
-    A plane for each of n points.
+    A plane for each of n query points.
 
     normals : (n, 3) unit, of either sign
-    height : (n,) metres of the point over the plane, along the normal
-    share : (n,) of the points around, by weight, that lie in it
-    members : (n,) how many these are
-    breadth : (n,) metres, 1 sigma of them across the direction in which they are spread most
-    spread : (n,) 1 sigma of the plane at the point, in sigmas of a member
+    height : (n,) meters, of the point over the plane along the normal
+    inlier_ratio : (n,) weighted share of the neighbors that lie in the plane
+    inliers : (n,) number of these
+    breadth : (n,) meters, 1 sigma of the inliers along their second principal axis
+    height_sigma : (n,) 1 sigma of the plane at the point, in units of 1 sigma of an inlier
     """
 
     normals: Floats
     height: Floats
-    share: Floats
-    members: Floats
+    inlier_ratio: Floats
+    inliers: Floats
     breadth: Floats
-    spread: Floats
+    height_sigma: Floats
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Near:
-    """What is around each point: offsets (n, k, 3), weights and normals likewise."""
+class _Neighbors:
+    """
+    The k nearest neighbors of n query points.
+
+    offsets : (n, k, 3) meters, from the query point
+    weight : (n, k), 0 where there is no neighbor
+    valid : (n, k)
+    normals : (n, k, 3), or None
+    """
 
     offsets: Floats
     weight: Floats
-    there: Bools
+    valid: Bools
     normals: Floats | None
 
-    def members(self, normals: Floats, height: Floats, tolerance: float) -> Bools:
-        off = np.einsum('nkc,nc->nk', self.offsets, normals) + height[:, None]
-        inside = self.there & (np.abs(off) < tolerance)
+    def inliers(self, normals: Floats, height: Floats, tolerance: float) -> Bools:
+        """Return (n, k) bool, the neighbors in one plane for each query point."""
+        distance = np.einsum('nkc,nc->nk', self.offsets, normals) + height[:, None]
+        inside = self.valid & (np.abs(distance) < tolerance)
         if self.normals is None:
             return np.asarray(inside)
         with np.errstate(invalid='ignore'):
             cosine = np.abs(np.einsum('nkc,nc->nk', self.normals, normals))
-        return np.asarray(inside & ~(cosine <= _AGREEING))
+        return np.asarray(inside & ~(cosine <= _MIN_NORMAL_COSINE))
 
 
-def planes_at(
-    asked: Floats, around: Around, tolerance: float, voxel: float, *, through: bool
-) -> Planes:
+def fit_planes(
+    queries: Floats,
+    neighborhood: Neighborhood,
+    tolerance: float,
+    voxel: float,
+    *,
+    through_query: bool,
+) -> LocalPlanes:
     """
-    Return the plane of most of the points around each point (random sample consensus).
+    Fit the plane that contains most of the neighbors of each query point.
 
-    asked : (n, 3) metres; one of ``around`` at the same place does not count
-    tolerance : metres within which a point is in a plane
-    through : the plane goes through the point itself; else the point has no say
+    queries : (n, 3) meters; points of ``neighborhood`` at the same place are ignored
+    tolerance : meters, greatest distance of an inlier
+    voxel : meters, unit of the limits above
+    through_query : planes contain the query point; otherwise the query point is not used
     """
-    around = _without_copies(around, _SAME * voxel)
-    tree = cKDTree(around.points_xyz)
+    neighborhood = _without_duplicates(neighborhood, _DUPLICATE_CELL * voxel)
+    tree = cKDTree(neighborhood.points_xyz)
     parts = []
-    asked, place = np.unique(asked, axis=0, return_inverse=True)
+    queries, place = np.unique(queries, axis=0, return_inverse=True)
     place = place.ravel()
-    for start in range(0, max(len(asked), 1), _AT_ONCE):
-        near = _near(tree, asked[start : start + _AT_ONCE], around)
-        parts.append(_fitted(near, tolerance, voxel, through=through))
-    return Planes(
+    for start in range(0, max(len(queries), 1), _CHUNK):
+        neighbors = _find_neighbors(tree, queries[start : start + _CHUNK], neighborhood)
+        parts.append(_fit_chunk(neighbors, tolerance, voxel, through_query=through_query))
+    return LocalPlanes(
         **{
             field.name: np.concatenate([getattr(part, field.name) for part in parts])[place]
-            for field in fields(Planes)
+            for field in fields(LocalPlanes)
         }
     )
 
 
-def _without_copies(around: Around, step: float) -> Around:
-    """Leave one point in each cell: in a tree, a million at one place take hours."""
-    cell = np.floor(around.points_xyz / step).astype(np.int64)
+def _without_duplicates(neighborhood: Neighborhood, size: float) -> Neighborhood:
+    """Keep one point in each cell: a k-d tree of a million points at one place takes hours."""
+    cell = np.floor(neighborhood.points_xyz / size).astype(np.int64)
     key = cell @ np.array([1, 1 << 21, 1 << 42])
     kept = np.sort(np.unique(key, return_index=True)[1])
-    normals = None if around.normals is None else around.normals[kept]
-    return replace(around, points_xyz=around.points_xyz[kept], normals=normals)
+    normals = None if neighborhood.normals is None else neighborhood.normals[kept]
+    return replace(neighborhood, points_xyz=neighborhood.points_xyz[kept], normals=normals)
 
 
-def _near(tree: cKDTree, asked: Floats, around: Around) -> _Near:
+def _find_neighbors(tree: cKDTree, queries: Floats, neighborhood: Neighborhood) -> _Neighbors:
     distance, index = tree.query(
-        asked, k=around.count, distance_upper_bound=around.reach, workers=-1
+        queries,
+        k=neighborhood.max_neighbors,
+        distance_upper_bound=neighborhood.radius,
+        workers=-1,
     )
-    there = np.isfinite(distance) & (distance > _ITSELF)
-    index = np.where(there, index, 0)
-    weight = np.exp(-0.5 * (np.where(there, distance, 0.0) / around.scale) ** 2) + _FAR
-    return _Near(
-        offsets=around.points_xyz[index] - asked[:, None],
-        weight=weight * there,
-        there=there,
-        normals=None if around.normals is None else around.normals[index],
+    valid = np.isfinite(distance) & (distance > _SAME_POINT)
+    index = np.where(valid, index, 0)
+    scaled = np.where(valid, distance, 0.0) / neighborhood.distance_sigma
+    weight = np.exp(-0.5 * scaled**2) + _FAR_WEIGHT
+    return _Neighbors(
+        offsets=neighborhood.points_xyz[index] - queries[:, None],
+        weight=weight * valid,
+        valid=valid,
+        normals=None if neighborhood.normals is None else neighborhood.normals[index],
     )
 
 
-def _fitted(near: _Near, tolerance: float, voxel: float, *, through: bool) -> Planes:
-    normals, height, best = _guessed(near, tolerance, voxel, through=through)
-    member = near.members(normals, height, tolerance)
-    count = member.sum(axis=1) + float(through)
+def _fit_chunk(
+    neighbors: _Neighbors, tolerance: float, voxel: float, *, through_query: bool
+) -> LocalPlanes:
+    """Refine the best hypothesis of each query point by a principal component analysis."""
+    normals, height, best = _ransac(neighbors, tolerance, voxel, through_query=through_query)
+    inlier = neighbors.inliers(normals, height, tolerance)
+    count = inlier.sum(axis=1) + float(through_query)
     safe = np.maximum(count, 1.0)[:, None]
-    middle = (near.offsets * member[..., None]).sum(axis=1) / safe
-    spread = (near.offsets - middle[:, None]) * member[..., None]
-    scatter = np.einsum('nki,nkj->nij', spread, spread)
-    if through:
-        scatter += middle[:, :, None] * middle[:, None, :]
-    extents, axes = np.linalg.eigh(scatter / safe[..., None])
-    along = np.einsum('nc,nca->na', middle, axes[:, :, 1:])
-    leverage = (along**2 / np.maximum(extents[:, 1:], 1e-18)).sum(axis=1)
+    centroid = (neighbors.offsets * inlier[..., None]).sum(axis=1) / safe
+    centered = (neighbors.offsets - centroid[:, None]) * inlier[..., None]
+    scatter = np.einsum('nki,nkj->nij', centered, centered)
+    if through_query:
+        scatter += centroid[:, :, None] * centroid[:, None, :]
+    variances, axes = np.linalg.eigh(scatter / safe[..., None])
+    along = np.einsum('nc,nca->na', centroid, axes[:, :, 1:])
+    leverage = (along**2 / np.maximum(variances[:, 1:], 1e-18)).sum(axis=1)
     normals = axes[:, :, 0]
-    return Planes(
+    return LocalPlanes(
         normals=normals,
-        height=-(middle * normals).sum(axis=1),
-        share=best / np.maximum(near.weight.sum(axis=1), 1e-30),
-        members=count,
-        breadth=np.sqrt(np.maximum(extents[:, 1], 0.0)),
-        spread=np.sqrt((1.0 + leverage) / safe[:, 0]),
+        height=-(centroid * normals).sum(axis=1),
+        inlier_ratio=best / np.maximum(neighbors.weight.sum(axis=1), 1e-30),
+        inliers=count,
+        breadth=np.sqrt(np.maximum(variances[:, 1], 0.0)),
+        height_sigma=np.sqrt((1.0 + leverage) / safe[:, 0]),
     )
 
 
-def _guessed(
-    near: _Near, tolerance: float, voxel: float, *, through: bool
+def _ransac(
+    neighbors: _Neighbors, tolerance: float, voxel: float, *, through_query: bool
 ) -> tuple[Floats, Floats, Floats]:
-    """Return normals, heights and the weight of the members of the best guesses."""
+    """Return (n, 3) normals, (n,) heights and (n,) inlier weights of the best hypotheses."""
     rng = np.random.default_rng(0)
-    size, neighbours = near.there.shape
+    size, count = neighbors.valid.shape
     best, height = np.zeros(size), np.zeros(size)
     normals = np.zeros((size, 3))
-    if not (near.there.sum(axis=1) >= 3 - through).any():
+    if not (neighbors.valid.sum(axis=1) >= 3 - through_query).any():
         return normals, height, best
-    for guess in range(_GUESSES):
-        among = neighbours if guess % 2 else min(_NEAREST, neighbours)
+    for hypothesis in range(_HYPOTHESES):
+        among = count if hypothesis % 2 else min(_NEAREST, count)
         if among < 3:
             break
         i, j, k = rng.choice(among, 3, replace=False)
-        origin = np.zeros((size, 3)) if through else near.offsets[:, k]
-        across = np.cross(near.offsets[:, i] - origin, near.offsets[:, j] - origin)
-        area = np.linalg.norm(across, axis=1)
-        across /= np.maximum(area, 1e-30)[:, None]
-        over = -(across * origin).sum(axis=1)
-        member = near.members(across, over, tolerance)
-        score = (near.weight * member).sum(axis=1)
-        sound = (area > (_LEAST_SPAN * voxel) ** 2) & near.there[:, [i, j]].all(axis=1)
-        if not through:
-            sound &= near.there[:, k]
-        if near.normals is not None:
-            oriented = np.isfinite(near.normals[..., 0])
-            sound &= (member & oriented).sum(axis=1) >= _LEAST_AGREEING
+        origin = np.zeros((size, 3)) if through_query else neighbors.offsets[:, k]
+        normal = np.cross(neighbors.offsets[:, i] - origin, neighbors.offsets[:, j] - origin)
+        area = np.linalg.norm(normal, axis=1)
+        normal /= np.maximum(area, 1e-30)[:, None]
+        over = -(normal * origin).sum(axis=1)
+        inlier = neighbors.inliers(normal, over, tolerance)
+        score = (neighbors.weight * inlier).sum(axis=1)
+        sound = (area > (_MIN_SPAN * voxel) ** 2) & neighbors.valid[:, [i, j]].all(axis=1)
+        if not through_query:
+            sound &= neighbors.valid[:, k]
+        if neighbors.normals is not None:
+            oriented = np.isfinite(neighbors.normals[..., 0])
+            sound &= (inlier & oriented).sum(axis=1) >= _MIN_ORIENTED_INLIERS
         better = sound & (score > best)
         best[better], height[better] = score[better], over[better]
-        normals[better] = across[better]
+        normals[better] = normal[better]
     return normals, height, best

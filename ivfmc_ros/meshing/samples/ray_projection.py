@@ -1,12 +1,12 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Points in doubt are moved along their rays onto the surface around them.
+Correction of uncertain points: each is moved along its camera ray onto the surface around it.
 
-Where an edge or a shadow cuts the stripe, the middle of what is left is not the middle of the
-sheet of light, and the point that is triangulated there lies off the surface. The pixel does see
-the surface, though: the true point lies on its ray, and not farther along it than the light is
-thick. So where most of the points around make a plane, it is where the ray meets that plane.
+Where an edge or a shadow truncates the stripe, the center of what remains is not the center of
+the light sheet, and the point triangulated from it lies off the surface. The true point does lie
+on the camera ray, within the thickness of the light sheet. Where most neighbors of the point are
+in one plane, the point is moved to the intersection of its ray with that plane.
 """
 
 from collections.abc import Sequence
@@ -15,144 +15,164 @@ from dataclasses import replace
 
 import numpy as np
 
-from ivfmc_ros.meshing.samples.planes import Around
-from ivfmc_ros.meshing.samples.planes import Planes
-from ivfmc_ros.meshing.samples.planes import planes_at
-from ivfmc_ros.meshing.samples.stripe_end_rejection import cut_ends
+from ivfmc_ros.meshing.samples.planes import fit_planes
+from ivfmc_ros.meshing.samples.planes import LocalPlanes
+from ivfmc_ros.meshing.samples.planes import Neighborhood
+from ivfmc_ros.meshing.samples.range_grid import connected_to_next
+from ivfmc_ros.meshing.samples.range_grid import RangeGrid
 from ivfmc_ros.meshing.samples.stripe_end_rejection import run_ends
-from ivfmc_ros.meshing.samples.surface_samples import links
-from ivfmc_ros.meshing.samples.surface_samples import RangeGrid
+from ivfmc_ros.meshing.samples.stripe_end_rejection import truncated_ends
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 
-# A point of so many usual sigmas is in doubt, and so is the end of a stripe.
-_DOUBTFUL = 1.6
-# 1 sigma by which an end that looks well may be off, usual sigmas
+# "Sigma" without a point is the median 1 sigma of all points. A point with more than this many is
+# uncertain.
+_UNCERTAIN_SIGMAS = 1.6
+# 1 sigma of the bias of a stripe end that is not truncated visibly, sigmas.
 _END_BIAS = 2.0
-# Farther from the plane, a point that was not cut lies on something else: usual sigmas for an
-# end, its own for one in doubt.
-_MOST_OFF_END, _MOST_OFF = 4.0, 1.5
-_NEIGHBOURS, _REACH, _SCALE = 25, 6.0, 2.1  # count; voxels
-_IN_PLANE = 2.0  # sigmas
-_LEAST_SHARE, _LEAST_MEMBERS, _BROAD = 0.65, 6, 0.6
-_MOST_SPREAD = 0.6
-# A point so far from a plane (sigmas) may lie on another face; then nearly all have to agree.
-_FAR, _LEAST_SHARE_FAR = 4.0, 0.9
-_LEAST_FACING = 0.2
-# The light of a sheet is within so many of its sigmas; sigma of a point is a tenth of that of
-# the stripe, where the cell does not say how thick the sheet is.
-_LIGHT, _WIDTH = 2.0, 10.0
-_LEAST_SIGMA = 0.7  # of a point on a plane of others, usual sigmas
+# Greatest height over the plane of points that belong to it: of a stripe end in sigmas, of an
+# uncertain point in its own sigmas.
+_MAX_END_HEIGHT, _MAX_UNCERTAIN_HEIGHT = 4.0, 1.5
+_MAX_NEIGHBORS = 25
+_SEARCH_RADIUS, _DISTANCE_SIGMA = 6.0, 2.1  # voxels
+_INLIER_SIGMAS = 2.0
+# Least share and number of inliers of a plane, and their least breadth in voxels.
+_MIN_INLIER_RATIO, _MIN_INLIERS, _MIN_BREADTH = 0.65, 6, 0.6
+_MAX_HEIGHT_SIGMA = 0.6  # of the plane, in units of 1 sigma of an inlier
+# A point higher over the plane (sigmas) may lie on another face, unless nearly all inliers agree.
+_FAR_HEIGHT, _MIN_INLIER_RATIO_FAR = 4.0, 0.9
+_MIN_FACING = 0.2  # cosine between plane normal and ray
+# Half thickness of the light sheet in its sigmas; and the sigma of an unknown sheet in units of
+# that of a point, because peaks are located to about a tenth of the stripe's width.
+_SHEET_SIGMAS, _SHEET_PER_POINT_SIGMA = 2.0, 10.0
+_MIN_SIGMA = 0.7  # of a projected point, sigmas
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Stripes:
+class ClassifiedGrid:
     """
-    The points of a view by what is in doubt about them, (rows, columns) bool each.
+    A range grid and which of its points are uncertain, (rows, columns) bool each.
 
-    cut : at the end of a stripe and not on its line
-    outer : of these, those with nothing behind them
-    end : the last of a stripe; unsure : of a large sigma
+    truncated : at the end of a stripe and not on its line
+    without_run : of these, those with no connected point before them
+    end : last of a stripe, not truncated
+    uncertain : of a large sigma, and none of the above
     """
 
     grid: RangeGrid
-    cut: Bools
-    outer: Bools
+    truncated: Bools
+    without_run: Bools
     end: Bools
-    unsure: Bools
+    uncertain: Bools
 
     @classmethod
-    def of(cls, grid: RangeGrid, reach: float | None, sigma: float) -> 'Stripes':
-        """Tell what is in doubt; sigma (metres) is that of a usual point."""
+    def of(cls, grid: RangeGrid, max_edge: float | None, sigma: float) -> 'ClassifiedGrid':
+        """
+        Classify the points of a grid.
+
+        max_edge : meters, greatest distance of neighbors; None for 6 median spacings only
+        sigma : meters, median 1 sigma of all points
+        """
         points = grid.points_xyz
-        down = links(grid, 0, reach)
-        cut = cut_ends(points, down, sigma)
-        left = np.isfinite(points[..., 0]) & ~cut
+        down = connected_to_next(grid, 0, max_edge)
+        truncated = truncated_ends(points, down, sigma)
+        left = np.isfinite(points[..., 0]) & ~truncated
         end = run_ends(left, down)
         with np.errstate(invalid='ignore'):
-            unsure = left & ~end & (grid.sigma > _DOUBTFUL * sigma)
-        outer = cut & run_ends(np.isfinite(points[..., 0]), down)
-        return cls(grid=grid, cut=cut, outer=outer, end=end, unsure=unsure)
+            uncertain = left & ~end & (grid.sigma > _UNCERTAIN_SIGMAS * sigma)
+        without_run = truncated & run_ends(np.isfinite(points[..., 0]), down)
+        return cls(
+            grid=grid, truncated=truncated, without_run=without_run, end=end, uncertain=uncertain
+        )
 
     @property
-    def known(self) -> Floats:
-        """The points that tell of the surface, (n, 3)."""
+    def support_points(self) -> Floats:
+        """Points from which planes are estimated, (n, 3) meters."""
         points = self.grid.points_xyz
-        return points[np.isfinite(points[..., 0]) & ~self.outer]
+        return points[np.isfinite(points[..., 0]) & ~self.without_run]
 
 
-def settled(
-    stripes: Sequence[Stripes], sigma: float, voxel: float
+def project_uncertain_points(
+    classified: Sequence[ClassifiedGrid], sigma: float, voxel: float
 ) -> tuple[list[RangeGrid], Floats]:
     """
-    Return the grids with points in doubt where their rays meet the surface.
+    Return the grids with uncertain points moved along their rays onto the surface.
 
-    Cut ends around which most points make no plane are left out; others stay as they are.
+    Truncated ends whose neighbors are in no common plane become NaN; other points keep their
+    place.
 
-    sigma : metres, of a usual point
-    returns : the grids, and (n, 3) what was left out and has a point behind it
+    sigma : meters, median 1 sigma of all points
+    voxel : meters
+    returns : the grids; and the dropped truncated ends with a connected point, (n, 3) meters
     """
-    around = Around(
-        points_xyz=np.concatenate([each.known for each in stripes]),
-        count=_NEIGHBOURS,
-        reach=_REACH * voxel,
-        scale=_SCALE * voxel,
+    neighborhood = Neighborhood(
+        points_xyz=np.concatenate([each.support_points for each in classified]),
+        max_neighbors=_MAX_NEIGHBORS,
+        radius=_SEARCH_RADIUS * voxel,
+        distance_sigma=_DISTANCE_SIGMA * voxel,
     )
-    grids = [_settled(each, around, sigma, voxel) for each in stripes]
-    left_out = [
-        each.grid.points_xyz[each.cut & ~each.outer & np.isnan(grid.points_xyz[..., 0])]
-        for each, grid in zip(stripes, grids, strict=True)
+    grids = [_projected(each, neighborhood, sigma, voxel) for each in classified]
+    dropped = [
+        each.grid.points_xyz[
+            each.truncated & ~each.without_run & np.isnan(grid.points_xyz[..., 0])
+        ]
+        for each, grid in zip(classified, grids, strict=True)
     ]
-    return grids, np.concatenate(left_out)
+    return grids, np.concatenate(dropped)
 
 
-def _settled(stripes: Stripes, around: Around, sigma: float, voxel: float) -> RangeGrid:
-    grid = stripes.grid
-    place = np.nonzero(stripes.cut | stripes.end | stripes.unsure)
+def _projected(
+    classified: ClassifiedGrid, neighborhood: Neighborhood, sigma: float, voxel: float
+) -> RangeGrid:
+    grid = classified.grid
+    place = np.nonzero(classified.truncated | classified.end | classified.uncertain)
     points = grid.points_xyz.copy()
-    points[stripes.cut] = np.nan
-    if not len(place[0]) or not len(around.points_xyz):
+    points[classified.truncated] = np.nan
+    if not len(place[0]) or not len(neighborhood.points_xyz):
         return replace(grid, points_xyz=points)
-    asked = grid.points_xyz[place]
-    sight = np.broadcast_to(grid.sight, points.shape)[place]
-    planes = planes_at(asked, around, _IN_PLANE * sigma, voxel, through=False)
-    facing = (planes.normals * sight).sum(axis=1)
+    queries = grid.points_xyz[place]
+    to_camera = np.broadcast_to(grid.to_camera, points.shape)[place]
+    tolerance = _INLIER_SIGMAS * sigma
+    planes = fit_planes(queries, neighborhood, tolerance, voxel, through_query=False)
+    facing = (planes.normals * to_camera).sum(axis=1)
     with np.errstate(divide='ignore', invalid='ignore'):
         along = np.nan_to_num(-planes.height / facing)
-    cut, end = stripes.cut[place], stripes.end[place]
+    truncated, end = classified.truncated[place], classified.end[place]
     own = np.hypot(grid.sigma[place], np.where(end, _END_BIAS * sigma, 0.0))
-    spread = np.maximum(planes.spread, 1e-3) * sigma
-    most = np.where(end, _MOST_OFF_END * sigma, _MOST_OFF * grid.sigma[place])
-    good = _sound(planes, sigma, voxel) & (np.abs(facing) > _LEAST_FACING)
-    good &= _in_light(grid, place, along, sigma)
-    good &= cut | (np.abs(planes.height) < most)
-    # of a cut end nothing but its ray is known
-    share = np.where(cut, 1.0, own**2 / (own**2 + spread**2))
+    plane_sigma = np.maximum(planes.height_sigma, 1e-3) * sigma
+    max_height = np.where(end, _MAX_END_HEIGHT * sigma, _MAX_UNCERTAIN_HEIGHT * grid.sigma[place])
+    good = _is_reliable(planes, sigma, voxel) & (np.abs(facing) > _MIN_FACING)
+    good &= _within_sheet(grid, place, along, sigma)
+    good &= truncated | (np.abs(planes.height) < max_height)
+    # inverse-variance mean of point and plane; of a truncated end only its ray is known
+    share = np.where(truncated, 1.0, own**2 / (own**2 + plane_sigma**2))
     chosen = tuple(index[good] for index in place)
-    points[chosen] = (asked + (share * along)[:, None] * sight)[good]
-    known = np.where(cut, spread, np.sqrt(share) * spread)
+    points[chosen] = (queries + (share * along)[:, None] * to_camera)[good]
+    known = np.where(truncated, plane_sigma, np.sqrt(share) * plane_sigma)
     new_sigma = grid.sigma.copy()
-    new_sigma[chosen] = np.maximum(known, _LEAST_SIGMA * sigma)[good]
+    new_sigma[chosen] = np.maximum(known, _MIN_SIGMA * sigma)[good]
     return replace(grid, points_xyz=points, sigma=new_sigma)
 
 
-def _sound(planes: Planes, sigma: float, voxel: float) -> Bools:
-    far = np.abs(planes.height) > _FAR * sigma
+def _is_reliable(planes: LocalPlanes, sigma: float, voxel: float) -> Bools:
+    """Return (n,) bool, which planes have enough inliers that are spread widely enough."""
+    far = np.abs(planes.height) > _FAR_HEIGHT * sigma
     return np.asarray(
-        (planes.share > np.where(far, _LEAST_SHARE_FAR, _LEAST_SHARE))
-        & (planes.members >= _LEAST_MEMBERS)
-        & (planes.breadth > _BROAD * voxel)
-        & (planes.spread < _MOST_SPREAD)
+        (planes.inlier_ratio > np.where(far, _MIN_INLIER_RATIO_FAR, _MIN_INLIER_RATIO))
+        & (planes.inliers >= _MIN_INLIERS)
+        & (planes.breadth > _MIN_BREADTH * voxel)
+        & (planes.height_sigma < _MAX_HEIGHT_SIGMA)
     )
 
 
-def _in_light(
+def _within_sheet(
     grid: RangeGrid, place: tuple[np.ndarray, ...], along: Floats, sigma: float
 ) -> Bools:
-    """Tell which points are still in the sheet of light after a way along their rays."""
-    way = np.abs(along)
-    if grid.error is not None:
-        sight = np.broadcast_to(grid.sight, grid.points_xyz.shape)[place]
-        error = np.broadcast_to(grid.error, grid.points_xyz.shape)[place]
-        way = way * np.linalg.norm(np.cross(sight, error), axis=1)
-    return np.asarray(way < _LIGHT * (grid.thickness or _WIDTH * sigma))
+    """Return (n,) bool, which points stay in the light sheet when moved ``along`` their rays."""
+    distance = np.abs(along)
+    if grid.error_direction is not None:
+        to_camera = np.broadcast_to(grid.to_camera, grid.points_xyz.shape)[place]
+        error = np.broadcast_to(grid.error_direction, grid.points_xyz.shape)[place]
+        distance = distance * np.linalg.norm(np.cross(to_camera, error), axis=1)
+    sheet_sigma = grid.thickness or _SHEET_PER_POINT_SIGMA * sigma
+    return np.asarray(distance < _SHEET_SIGMAS * sheet_sigma)

@@ -1,13 +1,13 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What the thickness of the light does on a curved surface, taken off the points.
+Bias of points on curved surfaces that the thickness of the light sheet causes.
 
-Light beside the middle of the sheet meets a convex surface deeper, and less squarely, than light
-in the middle. The picture of the stripe is no longer even, its fitted middle is off, and the
-point that is triangulated from it lies inside of the surface: by 18 micrometres on a shaft of
-12 mm radius in a sheet of 0.35 mm. All of this is in the plane of one stripe line, and of first
-order in the curvature there.
+Light beside the center of the sheet meets a convex surface deeper, and at a smaller angle, than
+light in the center. The profile of the stripe in the image becomes asymmetric, its fitted peak is
+biased, and the triangulated point lies inside the surface: by 18 micrometers on a shaft of 12 mm
+radius in a sheet of 0.35 mm (1 sigma). The bias is computed in the plane of one stripe line, to
+first order in the curvature.
 """
 
 from dataclasses import dataclass
@@ -18,82 +18,87 @@ from scipy import ndimage
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 
-# The mean of u^4 over that of u^2 across a stripe, in variances of the sheet: how much a fit of a
-# Gaussian feels the stripe's flanks. 1.5 if all grey values were equally good, 3 at the limit of
-# shot noise; speckle makes the flanks count more (found on rendered cylinders).
-_FLANKS = 3.6
-_WINDOW = (15, 7)  # rows and columns over which the curvature is averaged
-_SHARP = np.cos(np.radians(15.0))  # between neighbours: an edge, not a curve
-_EDGE = (7, 5)  # rows and columns around an edge in which there is no curvature to be had
-_LEAST_PAIRS = 15
-# Surfaces along the light or the sight have no such small effect.
-_LEAST_COSINE = 0.2
+# Ratio of the means of u^4 and u^2 across a stripe, in variances of the sheet: how strongly the
+# fit of a Gaussian weights the flanks of the stripe. It is 1.5 for equal noise of all pixels and
+# 3 at the shot noise limit; speckle raises it. Found on rendered cylinders (test_thickness.py).
+_FLANK_WEIGHT = 3.6
+_CURVATURE_WINDOW = (15, 7)  # rows and columns over which the curvature is averaged
+_SHARP_COSINE = np.cos(np.radians(15.0))  # between neighboring normals: an edge, not a curve
+_EDGE_MARGIN = (7, 5)  # rows and columns around an edge in which the curvature is not used
+_MIN_NEIGHBORS = 15  # connected neighbors in the window
+# Least cosines of the incidence of light and of the viewing direction: at grazing incidence the
+# first-order approximation does not hold.
+_MIN_COSINE = 0.2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Light:
+class SheetThickness:
     """
-    How points of a grid were lit and seen.
+    A light sheet of finite thickness, and the directions at the points of a grid.
 
-    sight : unit vectors to the eye, broadcast to (rows, columns, 3)
-    error : unit vectors in the sheet and in the plane of the stripe line, likewise
-    thickness : metres, 1 sigma of the sheet
+    to_camera : unit vectors to the camera, broadcast to (rows, columns, 3)
+    error_direction : unit vectors in the sheet and in the plane of the stripe line, likewise
+    thickness : meters, 1 sigma of the sheet
     """
 
-    sight: Floats
-    error: Floats
+    to_camera: Floats
+    error_direction: Floats
     thickness: float
 
 
-def inward(points: Floats, normals: Floats, linked: Bools, light: Light) -> Floats:
+def thickness_bias(
+    points: Floats, normals: Floats, connected: Bools, sheet: SheetThickness
+) -> Floats:
     """
-    Return (rows, columns) by how much points lie inside of the surface along normals, metres.
+    Return by how much points lie inside the surface, along their normals.
 
-    points, normals : (rows, columns, 3); NaN where nothing is
-    linked : (rows, columns), the point in the next column is on the same surface
+    points, normals : (rows, columns, 3), meters and unit; NaN where there is no point
+    connected : (rows, columns) bool, the point in the next column is on the same surface
+    returns : (rows, columns) meters; 0 where the curvature is unknown
     """
     normals = np.nan_to_num(normals)
-    return _curvature(points, normals, linked) * _effect(normals, light)
+    return _curvature(points, normals, connected) * _bias_per_curvature(normals, sheet)
 
 
-def _curvature(points: Floats, normals: Floats, linked: Bools) -> Floats:
-    """Return the curvature from column to column, 1/metre, convex positive; 0 if not known."""
+def _curvature(points: Floats, normals: Floats, connected: Bools) -> Floats:
+    """Return the mean curvature across columns, 1/meter, convex positive; 0 where unknown."""
     after = np.roll(normals, -1, axis=1)
-    step = np.where(linked[..., None], np.roll(points, -1, axis=1) - points, 0.0)
-    sharp = linked & ((normals * after).sum(axis=2) < _SHARP)
-    good = linked & ~ndimage.maximum_filter(sharp, _EDGE, mode='wrap')
+    step = np.where(connected[..., None], np.roll(points, -1, axis=1) - points, 0.0)
+    sharp = connected & ((normals * after).sum(axis=2) < _SHARP_COSINE)
+    good = connected & ~ndimage.maximum_filter(sharp, _EDGE_MARGIN, mode='wrap')
     turn = np.where(good, ((after - normals) * step).sum(axis=2), 0.0)
     length = np.where(good, (step * step).sum(axis=2), 0.0)
     mean = [
-        ndimage.uniform_filter(values, _WINDOW, mode=('constant', 'wrap'))
+        ndimage.uniform_filter(values, _CURVATURE_WINDOW, mode=('constant', 'wrap'))
         for values in (turn, length, good.astype(np.float64))
     ]
-    enough = mean[2] * (_WINDOW[0] * _WINDOW[1]) >= _LEAST_PAIRS - 0.5
+    size = _CURVATURE_WINDOW[0] * _CURVATURE_WINDOW[1]
+    enough = mean[2] * size >= _MIN_NEIGHBORS - 0.5
     return np.asarray(np.where(enough, mean[0] / np.maximum(mean[1], 1e-30), 0.0))
 
 
-def _effect(normals: Floats, light: Light) -> Floats:
-    """Return (rows, columns) metres inward for a curvature of 1/metre."""
-    sight = light.sight
-    n_light = _dot(normals, light.error)
-    ray = light.error * np.copysign(1.0, n_light)[..., None]
+def _bias_per_curvature(normals: Floats, sheet: SheetThickness) -> Floats:
+    """Return (rows, columns) meters inward for a curvature of 1/meter."""
+    to_camera = sheet.to_camera
+    n_light = _dot(normals, sheet.error_direction)
+    ray = sheet.error_direction * np.copysign(1.0, n_light)[..., None]
     n_light = np.abs(n_light)
-    # axes in the plane of the stripe line: along the surface, in the picture, across the sheet
-    line = _unit(np.cross(sight, ray))
+    # axes in the plane of the stripe line: along the surface, in the image, across the sheet
+    line = _unit(np.cross(to_camera, ray))
     along = _unit(np.cross(normals, line))
-    picture = _unit(ray - _dot(ray, sight)[..., None] * sight)
+    image = _unit(ray - _dot(ray, to_camera)[..., None] * to_camera)
     across = np.cross(line, ray)
-    # to second order in t along the surface, of curvature k: u = a t - k b t^2 in the picture,
-    # s = c t - k d t^2 across the sheet, and the light ln L = k e t
-    a, b = _dot(along, picture), 0.5 * _dot(normals, picture)
+    # to second order in t along the surface, of curvature k: u = a t - k b t^2 in the image,
+    # s = c t - k d t^2 across the sheet, and the irradiance ln L = k e t
+    a, b = _dot(along, image), 0.5 * _dot(normals, image)
     c, d = _dot(along, across), 0.5 * _dot(normals, across)
-    seen = (n_light > _LEAST_COSINE) & (np.abs(a) > _LEAST_COSINE) & (np.abs(c) > 1e-3)
+    valid = (n_light > _MIN_COSINE) & (np.abs(a) > _MIN_COSINE) & (np.abs(c) > 1e-3)
     with np.errstate(invalid='ignore', divide='ignore'):
         e = _dot(along, ray) / n_light
-        variance = (light.thickness * a / c) ** 2
-        shift = variance * (e / a + _FLANKS * (d / (a * c) - b / a**2))
-        effect = -shift * n_light / _dot(ray, picture)
-    return np.asarray(np.where(seen, effect, 0.0))
+        variance = (sheet.thickness * a / c) ** 2
+        shift = variance * (e / a + _FLANK_WEIGHT * (d / (a * c) - b / a**2))
+        bias = -shift * n_light / _dot(ray, image)
+    return np.asarray(np.where(valid, bias, 0.0))
 
 
 def _dot(first: Floats, second: Floats) -> Floats:

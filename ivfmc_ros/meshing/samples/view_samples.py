@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The samples of all views, without what the ends of stripes tell wrongly."""
+"""Surface samples of all views, after correction of their uncertain points."""
 
 from collections.abc import Iterator
 from collections.abc import Sequence
@@ -9,59 +9,60 @@ from dataclasses import replace
 import numpy as np
 
 from ivfmc_ros.cell.cell import Cell
-from ivfmc_ros.meshing.samples.orphan_points import adopted
-from ivfmc_ros.meshing.samples.ray_projection import settled
-from ivfmc_ros.meshing.samples.ray_projection import Stripes
-from ivfmc_ros.meshing.samples.surface_samples import from_grid
-from ivfmc_ros.meshing.samples.surface_samples import merge
-from ivfmc_ros.meshing.samples.surface_samples import range_grid
-from ivfmc_ros.meshing.samples.surface_samples import Samples
+from ivfmc_ros.meshing.samples.orphan_points import attach_orphan_points
+from ivfmc_ros.meshing.samples.range_grid import make_range_grid
+from ivfmc_ros.meshing.samples.ray_projection import ClassifiedGrid
+from ivfmc_ros.meshing.samples.ray_projection import project_uncertain_points
+from ivfmc_ros.meshing.samples.surface_samples import merge_samples
+from ivfmc_ros.meshing.samples.surface_samples import sample_grid
+from ivfmc_ros.meshing.samples.surface_samples import SurfaceSamples
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
 
-# Profiles nearer than this (radians; share of a usual step) are one place of several turns.
+# Profiles nearer than both (radians; share of the median step) are at one angle of several turns.
 _SAME_ANGLE, _SAME_STEP = 1e-6, 0.2
-# How far the face of a point without a normal may be, if nothing else is said.
-_REACH = 6.0  # voxels
+# Default search radius for the face that an orphan point belongs to, voxels.
+_ORPHAN_SEARCH_RADIUS = 6.0
 
 
-def from_views(
-    cell: Cell, views: Sequence[View], poses: Poses, reach: float | None, voxel: float
-) -> Samples:
+def sample_views(
+    cell: Cell, views: Sequence[View], poses: Poses, max_edge: float | None, voxel: float
+) -> SurfaceSamples:
     """
-    Return the samples of all views.
+    Return the surface samples of all views in ``turntable``.
 
-    reach : metres, the longest step between neighbours; None for what the spacing allows
-    voxel : metres; between columns farther apart than this, samples are interpolated
+    max_edge : meters, greatest distance of neighbors; None for 6 median spacings only
+    voxel : meters; between columns farther apart than this, samples are interpolated
     """
     known = np.concatenate([view.sigma[np.isfinite(view.sigma)] for view in views])
     sigma = float(np.median(known)) if known.size else 0.0
-    stripes = [
-        Stripes.of(range_grid(cell, turn, T), reach, sigma)
+    classified = [
+        ClassifiedGrid.of(make_range_grid(cell, turn, T), max_edge, sigma)
         for view, T in zip(views, poses.turntable_from_view, strict=True)
-        for turn in turns_of(view)
+        for turn in split_turns(view)
     ]
-    grids, left_out = settled(stripes, sigma, voxel)
-    samples = merge(from_grid(grid, reach, voxel) for grid in grids)
-    return adopted(samples, left_out, sigma, voxel, reach or _REACH * voxel)
+    grids, dropped = project_uncertain_points(classified, sigma, voxel)
+    samples = merge_samples(sample_grid(grid, max_edge, voxel) for grid in grids)
+    radius = max_edge or _ORPHAN_SEARCH_RADIUS * voxel
+    return attach_orphan_points(samples, dropped, sigma, voxel, radius)
 
 
-def turns_of(view: View) -> Iterator[View]:
-    """Give each turn of a view in which the table passed the same angles several times."""
+def split_turns(view: View) -> Iterator[View]:
+    """Yield one view for each turn of the table, if the same angles were passed several times."""
     steps = np.diff(view.angles)
     real = steps[steps > _SAME_ANGLE]
     if not len(real):
         yield view
         return
-    place = np.concatenate([[0], np.cumsum(steps > _SAME_STEP * np.median(real))])
-    starts = np.searchsorted(place, place)
-    turn = np.arange(len(place)) - starts
+    position = np.concatenate([[0], np.cumsum(steps > _SAME_STEP * np.median(real))])
+    starts = np.searchsorted(position, position)
+    turn = np.arange(len(position)) - starts
     for number in range(int(turn.max()) + 1):
-        yield _columns(view, turn == number)
+        yield _select_columns(view, turn == number)
 
 
-def _columns(view: View, chosen: Bools) -> View:
+def _select_columns(view: View, chosen: Bools) -> View:
     return replace(
         view,
         points_xyz=view.points_xyz[:, chosen],

@@ -1,6 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A grid of voxels of which only blocks near a surface exist."""
+"""
+Sparse voxel grid: 8 x 8 x 8 blocks of voxels, of which only those near a surface exist.
+
+Values on voxels are kept in (blocks, 8, 8, 8) arrays. A voxel is addressed either by its integer
+coordinates (i, j, k) in the grid, or by its flat index into such an array; -1 is no voxel.
+"""
 
 from collections.abc import Callable
 from collections.abc import Iterator
@@ -11,29 +16,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ivfmc_ros.errors import ParameterError
-from ivfmc_ros.meshing.parallel import in_parts
+from ivfmc_ros.meshing.parallel import run_chunked
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
 
 _BITS = 3
-SIDE = 1 << _BITS  # voxels along a block
-VOLUME = SIDE**3
-_AT_ONCE = 1 << 16  # voxels
-# A grid of more blocks than this has voxels that are too small for what is in it.
-_MOST_BLOCKS = 64_000_000
+BLOCK_SIDE = 1 << _BITS  # voxels along an edge of a block
+BLOCK_VOXELS = BLOCK_SIDE**3
+_CHUNK = 1 << 16  # voxels
+# The dense table of blocks takes 4 bytes a block: 256 MB. A grid with more has a wrong voxel size.
+_MAX_BLOCKS = 64_000_000
 _ALL = slice(None)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Grid:
+class VoxelGrid:
     """
-    Where the voxels are. Voxel (i, j, k) has its centre at origin + voxel * (i, j, k).
+    Position and size of a voxel grid. The center of voxel (i, j, k) is origin + voxel * (i, j, k).
 
-    origin : (3,) metres
-    voxel : metres
-    shape : blocks along x, y, z
+    origin : (3,) float64, meters
+    voxel : edge of a voxel, meters
+    shape : number of blocks along x, y, z
     """
 
     origin: Floats
@@ -41,15 +46,18 @@ class Grid:
     shape: tuple[int, int, int]
 
     @classmethod
-    def around(cls, low: Floats, high: Floats, voxel: float, margin: int) -> 'Grid':
+    def around(cls, low: Floats, high: Floats, voxel: float, margin: int) -> 'VoxelGrid':
         """
-        Return a grid that holds a box, and ``margin`` voxels around it.
+        Return a grid that contains a box with a margin.
 
+        low, high : (3,) meters, opposite corners of the box
+        voxel : meters
+        margin : voxels
         :raises ParameterError: the voxel is too small for the box
         """
         first = np.floor(low / voxel) - margin
-        count = np.ceil((high / voxel - first + margin) / SIDE).astype(np.int64) + 1
-        if float(np.prod(count.astype(np.float64))) > _MOST_BLOCKS:
+        count = np.ceil((high / voxel - first + margin) / BLOCK_SIDE).astype(np.int64) + 1
+        if float(np.prod(count.astype(np.float64))) > _MAX_BLOCKS:
             size = ' x '.join(f'{1e3 * side:.0f}' for side in high - low)
             raise ParameterError(
                 f'voxel: {voxel * 1e3:.4g} mm is too small for a part of {size} mm; '
@@ -58,34 +66,36 @@ class Grid:
         i, j, k = count.tolist()
         return cls(origin=first * voxel, voxel=voxel, shape=(i, j, k))
 
-    def coordinates(self, points_xyz: Floats) -> Floats:
-        """Return (n, 3) points in units of voxels."""
+    def to_voxels(self, points_xyz: Floats) -> Floats:
+        """Return the real-valued voxel coordinates of (n, 3) points in meters."""
         return np.asarray((points_xyz - self.origin) / self.voxel)
 
-    def voxels(self, points_xyz: Floats) -> NDArray[np.int32]:
-        """Return the (n, 3) int32 voxels that points lie in."""
+    def nearest_voxels(self, points_xyz: Floats) -> NDArray[np.int32]:
+        """Return the (n, 3) int32 voxels that contain points in meters."""
         voxels = np.empty(points_xyz.shape, dtype=np.int32)
 
-        def fill(some: slice) -> None:
-            voxels[some] = np.rint(self.coordinates(points_xyz[some]))
+        def compute(chunk: slice) -> None:
+            voxels[chunk] = np.rint(self.to_voxels(points_xyz[chunk]))
 
-        in_parts(fill, len(points_xyz), _AT_ONCE)
+        run_chunked(compute, len(points_xyz), _CHUNK)
         return voxels
 
-    def points(self, coordinates: Floats) -> Floats:
-        """Return where (n, 3) coordinates in voxels are, metres."""
+    def to_points(self, coordinates: Floats) -> Floats:
+        """Return the (n, 3) points in meters at real-valued voxel coordinates."""
         return np.asarray(self.origin + coordinates * self.voxel)
 
 
-class Blocks:
+class VoxelBlocks:
     """
-    Which blocks of a grid exist, in the order of their slots.
+    The blocks of a grid that exist. The slot of a block is its place in (blocks, 8, 8, 8) arrays.
 
-    index : (n, 3) int64, of each block in the grid
-    slot : grid.shape int32, of the block there; -1 where is none
+    grid : the grid
+    index : (n, 3) int64, position of each block in the grid, in blocks
+    slot : grid.shape int32, slot of the block at each position; -1 if it does not exist
     """
 
-    def __init__(self, grid: Grid, ids: Ints) -> None:
+    def __init__(self, grid: VoxelGrid, ids: Ints) -> None:
+        """``ids`` : (n,) flat indices into an array of grid.shape, in the order of the slots."""
         self.grid = grid
         self.index: Ints = np.stack(np.unravel_index(ids, grid.shape), axis=1).astype(np.int64)
         self.slot = np.full(grid.shape, -1, dtype=np.int32)
@@ -95,104 +105,113 @@ class Blocks:
         return len(self.index)
 
     @classmethod
-    def near(cls, grid: Grid, voxels: NDArray[np.int32], radius: int) -> 'Blocks':
-        """Return the blocks of all voxels that are within ``radius`` of (n, 3) voxels inside."""
+    def near(cls, grid: VoxelGrid, voxels: NDArray[np.int32], radius: int) -> 'VoxelBlocks':
+        """
+        Return the blocks of all voxels within ``radius`` of given ones, in the order of the grid.
+
+        voxels : (n, 3) int32, inside the grid
+        radius : voxels along each axis, less than 8
+        """
         occupied = np.zeros(grid.shape, dtype=bool)
 
-        def occupy(some: slice) -> None:
-            occupied[tuple((voxels[some] >> _BITS).T)] = True
+        def occupy(chunk: slice) -> None:
+            occupied[tuple((voxels[chunk] >> _BITS).T)] = True
 
-        in_parts(occupy, len(voxels), _AT_ONCE)
+        run_chunked(occupy, len(voxels), _CHUNK)
         own = cls(grid, np.flatnonzero(occupied))
-        # of each block, towards which sides a voxel is near its rim
+        # of each block, to which of its 26 neighbors a voxel is near
         sides = np.zeros((len(own), 3, 3, 3), dtype=bool)
 
-        def look(some: slice) -> None:
-            slot = own.slot[tuple((voxels[some] >> _BITS).T)]
-            inside = voxels[some] & (SIDE - 1)
-            side = 1 + (inside >= SIDE - radius) - (inside < radius).astype(np.int64)
+        def mark_sides(chunk: slice) -> None:
+            slot = own.slot[tuple((voxels[chunk] >> _BITS).T)]
+            local = voxels[chunk] & (BLOCK_SIDE - 1)
+            side = 1 + (local >= BLOCK_SIDE - radius) - (local < radius).astype(np.int64)
             sides[slot, side[:, 0], side[:, 1], side[:, 2]] = True
 
-        in_parts(look, len(voxels), _AT_ONCE)
+        run_chunked(mark_sides, len(voxels), _CHUNK)
         slot, *side = np.nonzero(sides)
         step = np.stack(side, axis=1) - 1
-        for share in product((0, 1), repeat=3):
-            occupied[tuple((own.index[slot] + step * share).T)] = True
+        for mask in product((0, 1), repeat=3):
+            occupied[tuple((own.index[slot] + step * mask).T)] = True
         return cls(grid, np.flatnonzero(occupied))
 
-    def joined(self, wanted: Bools) -> 'Blocks':
-        """Return these blocks, in their slots, and after them those of a grid.shape mask."""
-        new = np.flatnonzero(wanted & (self.slot < 0))
-        ids = np.concatenate([flat(self.index, self.grid.shape), new])
-        return Blocks(self.grid, ids)
+    def extended(self, mask: Bools) -> 'VoxelBlocks':
+        """Return these blocks in their slots, followed by the new ones of a grid.shape mask."""
+        new = np.flatnonzero(mask & (self.slot < 0))
+        ids = np.concatenate([ravel_index(self.index, self.grid.shape), new])
+        return VoxelBlocks(self.grid, ids)
 
-    def place(self, voxels: NDArray[np.signedinteger]) -> Ints:
-        """Return where (n, 3) voxels are in a flat (blocks, 8, 8, 8) array; -1 if nowhere."""
-        places = np.empty(len(voxels), dtype=np.int64)
+    def flat_indices(self, voxels: NDArray[np.signedinteger]) -> Ints:
+        """Return the (n,) int64 flat indices of (n, 3) voxels; -1 where no block exists."""
+        indices = np.empty(len(voxels), dtype=np.int64)
         slots, (sx, sy, sz) = self.slot.reshape(-1), self.grid.shape
 
-        def look_up(some: slice) -> None:
-            x, y, z = np.ascontiguousarray(voxels[some].T, dtype=np.int64)
+        def look_up(chunk: slice) -> None:
+            x, y, z = np.ascontiguousarray(voxels[chunk].T, dtype=np.int64)
             i, j, k = x >> _BITS, y >> _BITS, z >> _BITS
             within = (i >= 0) & (i < sx) & (j >= 0) & (j < sy) & (k >= 0) & (k < sz)
             slot = slots.take(np.where(within, (i * sy + j) * sz + k, 0)).astype(np.int64)
-            low = SIDE - 1
-            inside = ((x & low) << (2 * _BITS)) | ((y & low) << _BITS) | (z & low)
-            places[some] = np.where(within & (slot >= 0), slot * VOLUME + inside, -1)
+            low = BLOCK_SIDE - 1
+            local = ((x & low) << (2 * _BITS)) | ((y & low) << _BITS) | (z & low)
+            indices[chunk] = np.where(within & (slot >= 0), slot * BLOCK_VOXELS + local, -1)
 
-        in_parts(look_up, len(voxels), _AT_ONCE)
-        return places
+        run_chunked(look_up, len(voxels), _CHUNK)
+        return indices
 
-    def voxels(self, places: Ints) -> Ints:
-        """Return the (n, 3) voxels at places of a flat (blocks, 8, 8, 8) array."""
-        voxels = np.empty((len(places), 3), dtype=np.int64)
-        x, y, z = inside_block(places)
-        start = self.index[places // VOLUME] * SIDE
-        for axis, inside in enumerate((x, y, z)):
-            voxels[:, axis] = start[:, axis] + inside
+    def voxels(self, indices: Ints) -> Ints:
+        """Return the (n, 3) int64 voxels at (n,) flat indices."""
+        voxels = np.empty((len(indices), 3), dtype=np.int64)
+        x, y, z = local_voxels(indices)
+        start = self.index[indices // BLOCK_VOXELS] * BLOCK_SIDE
+        for axis, local in enumerate((x, y, z)):
+            voxels[:, axis] = start[:, axis] + local
         return voxels
 
-    def neighbour(self, axis: int, step: int) -> Ints:
-        """Return the slot of the block ``step`` further along ``axis`` of each; -1 if none."""
+    def neighbor_slots(self, axis: int, step: int) -> Ints:
+        """Return (blocks,) slots of the blocks ``step`` blocks further along ``axis``, or -1."""
         index = self.index.copy()
         index[:, axis] += step
         outside = (index[:, axis] < 0) | (index[:, axis] >= self.grid.shape[axis])
         index[outside] = 0
         return np.asarray(np.where(outside, -1, self.slot[tuple(index.T)]), dtype=np.int64)
 
-    def steps(self, step: int) -> Callable[[Ints, Ints], Ints]:
+    def voxel_stepper(self, step: int) -> Callable[[Ints, Ints], Ints]:
         """
-        Return what finds the places one voxel further, or back, from (n,) places.
+        Return a function that steps flat indices to the neighboring voxel.
 
-        It takes the places and along which axis each is to go; -1 is nowhere, and leads there.
+        The function takes (n,) flat indices and the (n,) axes along which to step, and returns
+        (n,) flat indices; -1 where no block exists, and for -1.
+
+        step : 1 or -1
         """
-        beside = np.stack([self.neighbour(axis, step) for axis in range(3)])
-        last = SIDE - 1 if step > 0 else 0
+        slots = np.stack([self.neighbor_slots(axis, step) for axis in range(3)])
+        last = BLOCK_SIDE - 1 if step > 0 else 0
 
-        def stepped(places: Ints, axis: Ints) -> Ints:
+        def stepped(indices: Ints, axis: Ints) -> Ints:
             bits = _BITS * (2 - axis)
-            rim = (places >> bits) & (SIDE - 1) == last
-            slot = beside[axis, places // VOLUME]
-            over = slot * VOLUME + places % VOLUME - step * (SIDE - 1 << bits)
-            nowhere = (places < 0) | (rim & (slot < 0))
-            return np.where(nowhere, -1, np.where(rim, over, places + step * (1 << bits)))
+            leaves = (indices >> bits) & (BLOCK_SIDE - 1) == last
+            slot = slots[axis, indices // BLOCK_VOXELS]
+            over = slot * BLOCK_VOXELS + indices % BLOCK_VOXELS - step * (BLOCK_SIDE - 1 << bits)
+            missing = (indices < 0) | (leaves & (slot < 0))
+            return np.where(missing, -1, np.where(leaves, over, indices + step * (1 << bits)))
 
         return stepped
 
-    def axes(self, some: slice = _ALL) -> Iterator[Singles]:
-        """Give the x, then y, then z coordinate in voxels of every voxel, to be broadcast."""
+    def axis_coordinates(self, slots: slice = _ALL) -> Iterator[Singles]:
+        """Yield the x, y and z voxel coordinates of blocks, broadcastable to their voxels."""
         for axis in range(3):
-            inside = np.arange(SIDE, dtype=np.float32).reshape(np.roll((1, 1, SIDE), axis + 1))
-            start = (self.index[some, axis] * SIDE).astype(np.float32)
-            yield start[:, None, None, None] + inside[None]
+            shape = np.roll((1, 1, BLOCK_SIDE), axis + 1)
+            local = np.arange(BLOCK_SIDE, dtype=np.float32).reshape(shape)
+            start = (self.index[slots, axis] * BLOCK_SIDE).astype(np.float32)
+            yield start[:, None, None, None] + local[None]
 
 
-def inside_block(places: Ints) -> tuple[Ints, Ints, Ints]:
-    """Return where in its block each voxel is, along x, y, z."""
-    low = SIDE - 1
-    return (places >> (2 * _BITS)) & low, (places >> _BITS) & low, places & low
+def local_voxels(indices: Ints) -> tuple[Ints, Ints, Ints]:
+    """Return the x, y, z voxel coordinates of flat indices within their blocks, 0 to 7."""
+    low = BLOCK_SIDE - 1
+    return (indices >> (2 * _BITS)) & low, (indices >> _BITS) & low, indices & low
 
 
-def flat(index: Ints, shape: tuple[int, ...]) -> Ints:
-    """Return the flat index of (n, 3) indices."""
+def ravel_index(index: Ints, shape: tuple[int, ...]) -> Ints:
+    """Return the (n,) flat indices of (n, 3) indices into an array of ``shape``."""
     return np.asarray((index[:, 0] * shape[1] + index[:, 1]) * shape[2] + index[:, 2])

@@ -1,110 +1,128 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Values in a few voxels, blurred over all voxels around: some blocks at a time."""
+"""Separable convolution of values in a few voxels, evaluated on all voxels of sparse blocks."""
 
 from itertools import product
 
 import numpy as np
 
-from ivfmc_ros.meshing.parallel import each_part
-from ivfmc_ros.meshing.parallel import in_parts
-from ivfmc_ros.meshing.tsdf.blocks import Blocks
-from ivfmc_ros.meshing.tsdf.blocks import inside_block
-from ivfmc_ros.meshing.tsdf.blocks import SIDE
-from ivfmc_ros.meshing.tsdf.blocks import VOLUME
+from ivfmc_ros.meshing.parallel import map_chunked
+from ivfmc_ros.meshing.parallel import run_chunked
+from ivfmc_ros.meshing.tsdf.blocks import BLOCK_SIDE
+from ivfmc_ros.meshing.tsdf.blocks import BLOCK_VOXELS
+from ivfmc_ros.meshing.tsdf.blocks import local_voxels
+from ivfmc_ros.meshing.tsdf.blocks import VoxelBlocks
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
 
-RADIUS = 2  # voxels that a value reaches
-AT_ONCE = 64  # blocks whose values stay in the processor's cache
-_WIDE = SIDE + 2 * RADIUS
+KERNEL_RADIUS = 2  # voxels
+BLOCKS_PER_CHUNK = 64  # the values of so many blocks stay in the processor's cache
+_PADDED = BLOCK_SIDE + 2 * KERNEL_RADIUS
 
 
-class Spread:
+class SparseBlur:
     """
-    Which voxels are in and around each of ``blocks``, which are in the order of the grid.
+    Convolution of values that are given in some voxels only, and zero in all others.
 
-    A block with the voxels around it makes 12 x 12 x 12 voxels. A voxel near the rim of its block
-    is in those of other blocks too, and is found there without a search.
+    Each block is padded with the voxels around it to 12 x 12 x 12 voxels. The constructor lists
+    once which values go where in which padded block; a voxel near the border of its block is in
+    the padding of other blocks too.
     """
 
-    def __init__(self, blocks: Blocks, places: Ints) -> None:
-        """``places`` : (n,) of different voxels in a flat (blocks, 8, 8, 8) array, ascending."""
-        inside = inside_block(places)
-        near = [(np.ones(len(at), dtype=bool), at >= SIDE - RADIUS, at < RADIUS) for at in inside]
-        slot = places // VOLUME
-        begin = np.arange(len(blocks) + 1) * _WIDE**3
+    def __init__(self, blocks: VoxelBlocks, indices: Ints) -> None:
+        """
+        Prepare the convolution of values in given voxels.
+
+        blocks : in the order of the grid
+        indices : (n,) flat indices of different voxels, ascending
+        """
+        local = local_voxels(indices)
+        near = [
+            (np.ones(len(at), dtype=bool), at >= BLOCK_SIDE - KERNEL_RADIUS, at < KERNEL_RADIUS)
+            for at in local
+        ]
+        slot = indices // BLOCK_VOXELS
+        begin = np.arange(len(blocks) + 1) * _PADDED**3
         steps = list(product((-1, 0, 1), repeat=3))
 
-        def listed(some: slice) -> tuple[Ints, Ints, Ints]:
-            i, j, k = steps[some.start]
+        def listed(chunk: slice) -> tuple[Ints, Ints, Ints]:
+            i, j, k = steps[chunk.start]
             row = np.flatnonzero(near[0][i] & near[1][j] & near[2][k])
-            there = _neighbour(blocks, (i, j, k))[slot[row]]
-            row, there = row[there >= 0], there[there >= 0]
+            target = _neighbor_slots(blocks, (i, j, k))[slot[row]]
+            row, target = row[target >= 0], target[target >= 0]
             x, y, z = (
-                at[row] - SIDE * step + RADIUS for at, step in zip(inside, (i, j, k), strict=True)
+                at[row] - BLOCK_SIDE * step + KERNEL_RADIUS
+                for at, step in zip(local, (i, j, k), strict=True)
             )
-            # ascending, as the blocks of one step have the order of the blocks that it is from
-            where = ((there * _WIDE + x) * _WIDE + y) * _WIDE + z
-            return row, where, np.searchsorted(where, begin)
+            # ascending, because the target blocks of one step have the order of their origins
+            padded = ((target * _PADDED + x) * _PADDED + y) * _PADDED + z
+            return row, padded, np.searchsorted(padded, begin)
 
         self._blocks = len(blocks)
-        # for each step: rows of values, where they go, and with which of these a block begins
-        self._lists = list(each_part(listed, len(steps), 1))
+        # for each step: rows of values, their flat indices in the padded blocks, and the first
+        # of these of each block
+        self._lists = list(map_chunked(listed, len(steps), 1))
 
-    def blurred(self, some: slice, values: Singles, kernel: Floats) -> Singles:
+    def blur(self, slots: slice, values: Singles, kernel: Floats) -> Singles:
         """
         Convolve values with a symmetric kernel along each axis.
 
-        some : blocks, from which to which
-        values : (n, c), of each of the voxels; of all others they are 0
-        kernel : of 1 to 5 voxels
+        slots : blocks on which to evaluate, with start and stop
+        values : (n, c) float32, of the voxels given to the constructor
+        kernel : (1,) to (5,), of an odd number of voxels
         returns : (blocks, c, 8, 8, 8) float32
         """
-        count = some.stop - some.start
-        part = np.zeros((count * _WIDE**3, values.shape[1]), dtype=np.float32)
+        count = slots.stop - slots.start
+        padded = np.zeros((count * _PADDED**3, values.shape[1]), dtype=np.float32)
         for row, where, first in self._lists:
-            chosen = slice(first[some.start], first[some.stop])
-            part[where[chosen] - some.start * _WIDE**3] = values.take(row[chosen], axis=0)
-        band = _band(kernel)
-        # the axis that comes first is blurred and becomes the last, three times; BLAS is twice as
-        # fast with the band this way round
+            chosen = slice(first[slots.start], first[slots.stop])
+            padded[where[chosen] - slots.start * _PADDED**3] = values.take(row[chosen], axis=0)
+        band = _band_matrix(kernel)
+        # the first axis is blurred and becomes the last, three times; BLAS is twice as fast with
+        # the band on this side
         for _ in range(3):
-            part = part.reshape(count, _WIDE, -1).transpose(0, 2, 1) @ band.T
-        return part.reshape(count, values.shape[1], SIDE, SIDE, SIDE)
+            padded = padded.reshape(count, _PADDED, -1).transpose(0, 2, 1) @ band.T
+        return padded.reshape(count, values.shape[1], BLOCK_SIDE, BLOCK_SIDE, BLOCK_SIDE)
 
-    def around(self, values: Singles, places: Ints) -> Singles:
-        """Return (m, c) the sums of values over the 27 voxels around those at ``places``."""
-        sums = np.zeros((len(places), values.shape[1]), dtype=np.float32)
-        order = np.argsort(places, kind='stable')
-        ordered = places[order]
+    def sum_neighborhoods(self, values: Singles, indices: Ints) -> Singles:
+        """
+        Sum values over the 3 x 3 x 3 voxels around given ones.
 
-        def add(some: slice) -> None:
-            low, high = np.searchsorted(ordered, np.array([some.start, some.stop]) * VOLUME)
+        values : (n, c) float32, of the voxels given to the constructor
+        indices : (m,) flat indices; 0 is returned for indices outside of the blocks
+        returns : (m, c) float32
+        """
+        sums = np.zeros((len(indices), values.shape[1]), dtype=np.float32)
+        order = np.argsort(indices, kind='stable')
+        ordered = indices[order]
+
+        def add(chunk: slice) -> None:
+            limits = np.array([chunk.start, chunk.stop]) * BLOCK_VOXELS
+            low, high = np.searchsorted(ordered, limits)
             if low < high:
-                local = ordered[low:high] - some.start * VOLUME
-                blurred = self.blurred(some, values, np.ones(3)).reshape(
-                    -1, values.shape[1], VOLUME
+                local = ordered[low:high] - chunk.start * BLOCK_VOXELS
+                blurred = self.blur(chunk, values, np.ones(3)).reshape(
+                    -1, values.shape[1], BLOCK_VOXELS
                 )
-                sums[order[low:high]] = blurred[local // VOLUME, :, local % VOLUME]
+                sums[order[low:high]] = blurred[local // BLOCK_VOXELS, :, local % BLOCK_VOXELS]
 
-        in_parts(add, self._blocks, AT_ONCE)
+        run_chunked(add, self._blocks, BLOCKS_PER_CHUNK)
         return sums
 
 
-def _neighbour(blocks: Blocks, step: tuple[int, ...]) -> Ints:
-    """Return the slot of the block that is ``step`` from each; -1 if none."""
+def _neighbor_slots(blocks: VoxelBlocks, step: tuple[int, ...]) -> Ints:
+    """Return the slot of the block that is ``step`` blocks from each; -1 if it does not exist."""
     index = blocks.index + np.array(step)
     within = ((index >= 0) & (index < blocks.grid.shape)).all(axis=1)
     slot = blocks.slot[tuple(np.where(within[:, None], index, 0).T)]
     return np.where(within, slot, -1).astype(np.int64)
 
 
-def _band(kernel: Floats) -> Singles:
-    """Return (8, 12): what the 8 in the middle of 12 voxels in a row get from each."""
-    band = np.zeros((SIDE, _WIDE), dtype=np.float32)
-    first = RADIUS - len(kernel) // 2
-    for k in range(SIDE):
+def _band_matrix(kernel: Floats) -> Singles:
+    """Return the (8, 12) matrix that convolves 12 voxels in a row to the 8 in their middle."""
+    band = np.zeros((BLOCK_SIDE, _PADDED), dtype=np.float32)
+    first = KERNEL_RADIUS - len(kernel) // 2
+    for k in range(BLOCK_SIDE):
         band[k, first + k : first + k + len(kernel)] = kernel
     return band

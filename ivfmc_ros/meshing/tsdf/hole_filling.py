@@ -1,11 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Inside or outside where nothing was measured.
+Hole filling by volumetric diffusion on a coarse grid (Davis et al. 2002).
 
-On a coarse grid the signed distance is known near the samples; it is continued to the rest, and
-diffused there (after Davis et al. 2002), so that its zero set is a skin over each hole. All that
-the camera looked through on its way to a sample is outside (Curless & Levoy 1996).
+The signed distance of the samples is computed on coarse cells and diffused to where there are no
+samples, so that its zero surface spans each hole. Cells on lines of sight are outside (Curless &
+Levoy 1996).
 """
 
 from dataclasses import dataclass
@@ -13,117 +13,128 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from ivfmc_ros.meshing.parallel import each_part
-from ivfmc_ros.meshing.parallel import in_parts
-from ivfmc_ros.meshing.samples.surface_samples import Samples
-from ivfmc_ros.meshing.tsdf.blocks import Blocks
-from ivfmc_ros.meshing.tsdf.blocks import flat
-from ivfmc_ros.meshing.tsdf.blocks import Grid
-from ivfmc_ros.meshing.tsdf.blocks import SIDE
-from ivfmc_ros.meshing.tsdf.signed_distance import Sums
+from ivfmc_ros.meshing.parallel import map_chunked
+from ivfmc_ros.meshing.parallel import run_chunked
+from ivfmc_ros.meshing.samples.surface_samples import SurfaceSamples
+from ivfmc_ros.meshing.tsdf.blocks import BLOCK_SIDE
+from ivfmc_ros.meshing.tsdf.blocks import ravel_index
+from ivfmc_ros.meshing.tsdf.blocks import VoxelBlocks
+from ivfmc_ros.meshing.tsdf.blocks import VoxelGrid
+from ivfmc_ros.meshing.tsdf.signed_distance import SampleSums
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Singles
 
-# A coarse grid of more cells than this takes longer than the samples do.
-_MOST_CELLS = 3_000_000
-_KERNEL = np.array([0.25, 0.5, 0.25])
-_CLIP = 1.5  # coarse cells; farther away the distance is a sign
-_SWEEPS = 25
-_AT_ONCE = 8  # layers of coarse cells
-_RAYS = 40_000
+# With more coarse cells, hole filling would take longer than all other steps.
+_MAX_CELLS = 3_000_000
+_KERNEL = np.array([0.25, 0.5, 0.25])  # coarse cells
+_TRUNCATION = 1.5  # coarse cells; distances are clipped to this
+_ITERATIONS = 25  # of diffusion
+_CHUNK = 8  # layers of coarse cells
+_MAX_RAYS = 40_000  # samples whose lines of sight are followed
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Coarse:
+class CoarseDistance:
     """
-    A signed distance everywhere in a grid.
+    A truncated signed distance everywhere in a voxel grid.
 
-    values : (x, y, z) float32, voxels of the grid, outside positive, clipped
-    cell : voxels along a coarse cell, 4 or 8; cell (0, 0, 0) begins at voxel (0, 0, 0)
+    values : (x, y, z) float32, voxels of the grid, positive outside
+    cell : 4 or 8, voxels along a coarse cell; cell (0, 0, 0) begins at voxel (0, 0, 0)
     """
 
     values: Singles
     cell: int
 
 
-def fill(blocks: Blocks, sums: Sums, empty: Bools, floor: float | None) -> Coarse:
+def fill_holes(
+    blocks: VoxelBlocks, sums: SampleSums, empty: Bools, floor: float | None
+) -> CoarseDistance:
     """
-    Return the coarse distance of all samples, filled up where there are none.
+    Return the coarse signed distance of all samples, diffused to where there are none.
 
-    empty : (x, y, z) bool by coarse cell, what is certainly outside
-    floor : metres, of the plane that the part stands on: its walls go on through that; or None
+    empty : (x, y, z) bool, coarse cells that are known to be outside
+    floor : meters, height of the platter, through which the walls of the part are continued; None
+        if the part does not stand on one
     """
     cell = coarse_cell(blocks.grid)
     known = _coarse_distance(blocks, sums, cell)
-    known = np.where(np.isnan(known) & empty, np.float32(_CLIP), known)
+    known = np.where(np.isnan(known) & empty, np.float32(_TRUNCATION), known)
     if floor is None:
-        return Coarse(values=_continued(known, stands=False) * np.float32(cell), cell=cell)
+        values = _diffused(known, stands=False) * np.float32(cell)
+        return CoarseDistance(values=values, cell=cell)
     level = (floor - blocks.grid.origin[2]) / blocks.grid.voxel
     first = int(np.clip(level / cell, 0, known.shape[2] - 2))
-    above = _continued(known[:, :, first:], stands=True) * np.float32(cell)
-    return Coarse(values=np.pad(above, ((0, 0), (0, 0), (first, 0)), mode='edge'), cell=cell)
+    above = _diffused(known[:, :, first:], stands=True) * np.float32(cell)
+    values = np.pad(above, ((0, 0), (0, 0), (first, 0)), mode='edge')
+    return CoarseDistance(values=values, cell=cell)
 
 
-def coarse_cell(grid: Grid) -> int:
-    """Return how many voxels a coarse cell is wide."""
+def coarse_cell(grid: VoxelGrid) -> int:
+    """Return the edge of a coarse cell in voxels, 4 or 8."""
     cells = float(np.prod(np.array(grid.shape, dtype=np.float64))) * 8.0
-    return 4 if cells <= _MOST_CELLS else 8
+    return 4 if cells <= _MAX_CELLS else 8
 
 
-def _coarse_distance(blocks: Blocks, sums: Sums, cell: int) -> Singles:
+def _coarse_distance(blocks: VoxelBlocks, sums: SampleSums, cell: int) -> Singles:
     """Return the distance in coarse cells where there are samples, NaN elsewhere."""
-    shape = tuple(side * SIDE // cell for side in blocks.grid.shape)
-    index = flat(blocks.voxels(sums.places) // cell, shape)
+    shape = tuple(side * BLOCK_SIDE // cell for side in blocks.grid.shape)
+    index = ravel_index(blocks.voxels(sums.indices) // cell, shape)
 
-    def gathered(column: slice) -> Singles:
+    def gather(column: slice) -> Singles:
         dense = np.bincount(index, sums.planes[:, column.start], minlength=int(np.prod(shape)))
-        return _blur(dense.astype(np.float32).reshape(shape))
+        return _blurred(dense.astype(np.float32).reshape(shape))
 
-    weight, offset, *normals = each_part(gathered, 5, 1)
+    weight, offset, *normals = map_chunked(gather, 5, 1)
     top = -offset
     for axis in range(3):
-        centre = np.arange(shape[axis], dtype=np.float32) * cell + 0.5 * (cell - 1)
-        top += normals[axis] * centre.reshape(np.roll((-1, 1, 1), axis))
+        center = np.arange(shape[axis], dtype=np.float32) * cell + 0.5 * (cell - 1)
+        top += normals[axis] * center.reshape(np.roll((-1, 1, 1), axis))
     with np.errstate(invalid='ignore', divide='ignore'):
         distance = top / weight / cell
-    return np.where(weight > 1e-6, np.clip(distance, -_CLIP, _CLIP), np.nan).astype(np.float32)
+    clipped = np.clip(distance, -_TRUNCATION, _TRUNCATION)
+    return np.where(weight > 1e-6, clipped, np.nan).astype(np.float32)
 
 
-def _blur(dense: Singles) -> Singles:
+def _blurred(dense: Singles) -> Singles:
     for axis in range(3):
         dense = ndimage.correlate1d(dense, _KERNEL, axis=axis, mode='constant')
     return dense
 
 
-def _continued(known: Singles, stands: bool) -> Singles:
-    """Continue what is known to where ``known`` is NaN, smoothly; the rim is outside."""
+def _diffused(known: Singles, stands: bool) -> Singles:
+    """
+    Diffuse the values of ``known`` into its NaN cells; the border of the grid is outside.
+
+    stands : the border below is left free, because the part continues through the platter
+    """
     known = known.copy()
     for axis in range(3):
-        rim: list[slice | int] = [slice(None)] * 3
+        border: list[slice | int] = [slice(None)] * 3
         for end in (0, -1):
             if stands and axis == 2 and end == 0:
                 continue
-            rim[axis] = end
-            known[tuple(rim)] = _CLIP
+            border[axis] = end
+            known[tuple(border)] = _TRUNCATION
     free = np.isnan(known)
-    # the sign of what is nearest is right but for the holes, over which the sweeps draw the skin
+    # start from the nearest known value: its sign is right except near holes
     nearest = ndimage.distance_transform_edt(free, return_distances=False, return_indices=True)
     values = known[tuple(nearest)]
     after = np.empty_like(values)
 
-    def sweep(some: slice) -> None:
-        after[some] = np.where(free[some], _mean_of_neighbours(values, some), known[some])
+    def iterate(layers: slice) -> None:
+        mean = _mean_of_neighbors(values, layers)
+        after[layers] = np.where(free[layers], mean, known[layers])
 
-    for _ in range(_SWEEPS):
-        in_parts(sweep, len(values), _AT_ONCE)
+    for _ in range(_ITERATIONS):
+        run_chunked(iterate, len(values), _CHUNK)
         values, after = after, values
     return np.asarray(values)
 
 
-def _mean_of_neighbours(values: Singles, some: slice) -> Singles:
-    """Return the mean of the six neighbours in some layers; beyond the rim a value goes on."""
-    layers = np.clip(np.arange(some.start - 1, some.stop + 1), 0, len(values) - 1)
-    padded = np.pad(values[layers], ((0, 0), (1, 1), (1, 1)), mode='edge')
+def _mean_of_neighbors(values: Singles, layers: slice) -> Singles:
+    """Return the mean of the six neighbors of the cells in some layers; edges are replicated."""
+    rows = np.clip(np.arange(layers.start - 1, layers.stop + 1), 0, len(values) - 1)
+    padded = np.pad(values[rows], ((0, 0), (1, 1), (1, 1)), mode='edge')
     total = padded[2:, 1:-1, 1:-1] + padded[:-2, 1:-1, 1:-1]
     total += padded[1:-1, 2:, 1:-1]
     total += padded[1:-1, :-2, 1:-1]
@@ -132,21 +143,21 @@ def _mean_of_neighbours(values: Singles, some: slice) -> Singles:
     return np.asarray(total * np.float32(1.0 / 6.0))
 
 
-def looked_through(grid: Grid, samples: Samples) -> Bools:
-    """Return which coarse cells the camera saw a sample through, (x, y, z) bool."""
+def observed_free_space(grid: VoxelGrid, samples: SurfaceSamples) -> Bools:
+    """Return (x, y, z) bool, the coarse cells that lines of sight to samples pass through."""
     cell = coarse_cell(grid)
-    shape = tuple(side * SIDE // cell for side in grid.shape)
-    found = np.zeros(shape, dtype=bool)
-    stride = max(1, len(samples) // _RAYS)
-    at = (grid.coordinates(samples.points_xyz[::stride]) + 0.5) / cell
-    sight = samples.sight[::stride]
-    # a cell that the surface is in is not empty, however it is seen
+    shape = tuple(side * BLOCK_SIDE // cell for side in grid.shape)
+    free = np.zeros(shape, dtype=bool)
+    stride = max(1, len(samples) // _MAX_RAYS)
+    at = (grid.to_voxels(samples.points_xyz[::stride]) + 0.5) / cell
+    to_camera = samples.to_camera[::stride]
+    # begin above the surface, because a cell that contains surface is not free
     at = at + 2.0 * samples.normals[::stride]
     for _ in range(int(2.0 * max(shape))):
         inside = ((at >= 0) & (at < shape)).all(axis=1)
-        at, sight = at[inside], sight[inside]
+        at, to_camera = at[inside], to_camera[inside]
         if not len(at):
             break
-        found[tuple(at.astype(np.int64).T)] = True
-        at = at + sight
-    return found
+        free[tuple(at.astype(np.int64).T)] = True
+        at = at + to_camera
+    return free

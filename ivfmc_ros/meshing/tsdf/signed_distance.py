@@ -1,14 +1,18 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A signed distance on voxels, from all samples at once.
+Signed distance of voxels to the surface samples around them, by accumulated plane distances.
 
-Around x the samples are planes n.(y - p) = 0. The mean of their distances, weighted by 1/sigma^2
-and by how near they are (Kolluri 2008), lies outside of a curved surface by half of the kernel's
-variance times the curvature; the distance to the mean plane (Adamson & Alexa 2003) lies inside by
-as much. Half of both lies on it. All is made of a few sums over samples, so that a sample goes
-into one voxel and a blur of the sums does the rest: the time is that of the samples plus that of
-the voxels (as in Curless & Levoy 1996).
+Each sample is a plane n.(y - p) = 0. For a voxel center x two estimates are combined:
+
+- the mean distance to the planes, weighted by 1/sigma^2 and by a Gaussian of the distance to the
+  sample (Kolluri 2008). On a curved surface its zero lies outside, by half of the variance of the
+  kernel times the curvature;
+- the distance to the mean plane (Adamson & Alexa 2003). Its zero lies inside by the same amount.
+
+The mean of both has no bias of first order in the curvature. Both need only sums over samples,
+so that samples are accumulated in their voxels and the sums are blurred with the kernel: the cost
+is linear in samples and voxels (as in Curless & Levoy 1996).
 """
 
 from dataclasses import dataclass
@@ -16,118 +20,131 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from ivfmc_ros.meshing.parallel import in_parts
-from ivfmc_ros.meshing.samples.surface_samples import Samples
-from ivfmc_ros.meshing.tsdf.blocks import Blocks
-from ivfmc_ros.meshing.tsdf.blocks import Grid
-from ivfmc_ros.meshing.tsdf.blocks import SIDE
-from ivfmc_ros.meshing.tsdf.blur import AT_ONCE
-from ivfmc_ros.meshing.tsdf.blur import RADIUS
-from ivfmc_ros.meshing.tsdf.blur import Spread
+from ivfmc_ros.meshing.parallel import run_chunked
+from ivfmc_ros.meshing.samples.surface_samples import SurfaceSamples
+from ivfmc_ros.meshing.tsdf.blocks import BLOCK_SIDE
+from ivfmc_ros.meshing.tsdf.blocks import VoxelBlocks
+from ivfmc_ros.meshing.tsdf.blocks import VoxelGrid
+from ivfmc_ros.meshing.tsdf.blur import BLOCKS_PER_CHUNK
+from ivfmc_ros.meshing.tsdf.blur import KERNEL_RADIUS
+from ivfmc_ros.meshing.tsdf.blur import SparseBlur
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
 
-_LEAST_WEIGHT = 1e-6  # of the mean sample's
-SPREAD = 0.7  # voxels, 1 sigma of its kernel
-KERNEL: Floats = np.exp(-0.5 * (np.arange(-RADIUS, RADIUS + 1) / SPREAD) ** 2)
+# Voxels with less accumulated weight (of the mean weight of a sample) have no distance.
+_MIN_WEIGHT = 1e-6
+KERNEL_SIGMA = 0.7  # voxels
+KERNEL: Floats = np.exp(-0.5 * (np.arange(-KERNEL_RADIUS, KERNEL_RADIUS + 1) / KERNEL_SIGMA) ** 2)
 KERNEL /= KERNEL.sum()
-_SAMPLES_AT_ONCE = 1 << 16
+_CHUNK = 1 << 16  # samples
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Sums:
+class SampleSums:
     """
-    Sums over the samples in each voxel that has some.
+    Sums over the samples in each voxel that contains some.
 
-    spread : of these voxels, over the blocks around
-    places : (n,) of these voxels in a flat (blocks, 8, 8, 8) array, ascending
-    planes : (n, 8) float32: of weight, of weight * n.p, of weight * n, of weight * p, with p in
-        voxels and weights divided by ``scale``, their mean in 1/metre^2
-    seen : (n, 2) float32: how many samples, and the sum of their intensity
-    alone : (k,) places of voxels with points without a normal, ascending
+    blocks : all blocks within the kernel's radius of a sample or an orphan point
+    blur : of values in these voxels, over ``blocks``
+    indices : (n,) flat indices of these voxels, ascending
+    planes : (n, 8) float32, sums of weight (1), weight * n.p (1), weight * n (3) and weight * p
+        (3), with p in voxels and weights divided by ``mean_weight``
+    counts : (n, 2) float32, number of samples and sum of their intensities
+    orphans : (k,) flat indices of voxels that contain orphan points, ascending
+    mean_weight : 1/meter^2, of all samples
     """
 
-    blocks: Blocks
-    spread: Spread
-    places: Ints
+    blocks: VoxelBlocks
+    blur: SparseBlur
+    indices: Ints
     planes: Singles
-    seen: Singles
-    alone: Ints
-    scale: float
+    counts: Singles
+    orphans: Ints
+    mean_weight: float
 
 
-def sum_up(grid: Grid, samples: Samples) -> Sums:
-    """Sum the samples up, each in the voxel that it lies in."""
-    voxels = grid.voxels(np.concatenate([samples.points_xyz, samples.alone_xyz]))
-    blocks = Blocks.near(grid, voxels, RADIUS)
-    places = blocks.place(voxels)
-    places, alone = places[: len(samples)], places[len(samples) :]
-    order = np.argsort(places, kind='stable')
-    places = places[order]
-    first = np.flatnonzero(np.diff(places, prepend=-1))
-    scale = float(samples.weight.mean())
+def accumulate(grid: VoxelGrid, samples: SurfaceSamples) -> SampleSums:
+    """Sum the samples up in the voxels that contain them."""
+    voxels = grid.nearest_voxels(np.concatenate([samples.points_xyz, samples.orphans_xyz]))
+    blocks = VoxelBlocks.near(grid, voxels, KERNEL_RADIUS)
+    indices = blocks.flat_indices(voxels)
+    indices, orphans = indices[: len(samples)], indices[len(samples) :]
+    order = np.argsort(indices, kind='stable')
+    indices = indices[order]
+    first = np.flatnonzero(np.diff(indices, prepend=-1))
+    mean_weight = float(samples.weight.mean())
     # row v has a one for each sample in voxel v
-    adding = csr_array(
+    summing = csr_array(
         (np.ones(len(order), dtype=np.float32), order, np.append(first, len(order))),
         shape=(len(first), len(order)),
     )
-    seen = np.stack([np.ones(len(samples)), samples.intensity], axis=1).astype(np.float32)
-    return Sums(
+    counts = np.stack([np.ones(len(samples)), samples.intensity], axis=1).astype(np.float32)
+    return SampleSums(
         blocks=blocks,
-        spread=Spread(blocks, places[first]),
-        places=places[first],
-        planes=adding @ _planes(grid, samples, scale),
-        seen=adding @ seen,
-        alone=np.unique(alone),
-        scale=scale,
+        blur=SparseBlur(blocks, indices[first]),
+        indices=indices[first],
+        planes=summing @ _plane_terms(grid, samples, mean_weight),
+        counts=summing @ counts,
+        orphans=np.unique(orphans),
+        mean_weight=mean_weight,
     )
 
 
-def _planes(grid: Grid, samples: Samples, scale: float) -> Singles:
+def _plane_terms(grid: VoxelGrid, samples: SurfaceSamples, mean_weight: float) -> Singles:
+    """Return (n, 8), what each sample adds to ``SampleSums.planes``."""
     planes = np.empty((len(samples), 8), dtype=np.float32)
 
-    def compute(some: slice) -> None:
-        at = grid.coordinates(samples.points_xyz[some])
-        weight, normals = samples.weight[some, None] / scale, samples.normals[some]
-        planes[some, :1] = weight
-        planes[some, 1:2] = weight * (normals * at).sum(axis=1, keepdims=True)
-        planes[some, 2:5] = weight * normals
-        planes[some, 5:] = weight * at
+    def compute(chunk: slice) -> None:
+        at = grid.to_voxels(samples.points_xyz[chunk])
+        weight, normals = samples.weight[chunk, None] / mean_weight, samples.normals[chunk]
+        planes[chunk, :1] = weight
+        planes[chunk, 1:2] = weight * (normals * at).sum(axis=1, keepdims=True)
+        planes[chunk, 2:5] = weight * normals
+        planes[chunk, 5:] = weight * at
 
-    in_parts(compute, len(samples), _SAMPLES_AT_ONCE)
+    run_chunked(compute, len(samples), _CHUNK)
     return planes
 
 
-def distance(sums: Sums, kernel: Floats = KERNEL) -> tuple[Singles, Singles]:
+def signed_distance(sums: SampleSums, kernel: Floats = KERNEL) -> tuple[Singles, Singles]:
     """
-    Return the signed distance in voxels, outside positive, NaN out of reach; and the weight.
+    Evaluate the signed distance and the accumulated weight on all blocks.
 
-    Both are (blocks, 8, 8, 8).
+    returns : (blocks, 8, 8, 8) float32 each: distance in voxels, positive outside, NaN where no
+        sample is within the kernel; and weight, in units of ``sums.mean_weight``
     """
     blocks = sums.blocks
-    shape = (len(blocks), SIDE, SIDE, SIDE)
+    shape = (len(blocks), BLOCK_SIDE, BLOCK_SIDE, BLOCK_SIDE)
     distances, weights = np.empty(shape, dtype=np.float32), np.empty(shape, dtype=np.float32)
 
-    def measure(some: slice) -> None:
-        weight, offset, *both = np.swapaxes(sums.spread.blurred(some, sums.planes, kernel), 0, 1)
+    def compute(chunk: slice) -> None:
+        weight, offset, *both = np.swapaxes(sums.blur.blur(chunk, sums.planes, kernel), 0, 1)
         mean, plane = -offset, np.zeros_like(offset)
-        for normal, point, x in zip(both[:3], both[3:], blocks.axes(some), strict=True):
+        for normal, point, x in zip(
+            both[:3], both[3:], blocks.axis_coordinates(chunk), strict=True
+        ):
             mean += normal * x
             plane += normal * (weight * x - point)
         with np.errstate(invalid='ignore', divide='ignore'):
-            known = np.where(weight > _LEAST_WEIGHT, weight, np.float32(np.nan))
-            distances[some] = np.float32(0.5) * (mean + plane / known) / known
-        weights[some] = weight
+            known = np.where(weight > _MIN_WEIGHT, weight, np.float32(np.nan))
+            distances[chunk] = np.float32(0.5) * (mean + plane / known) / known
+        weights[chunk] = weight
 
-    in_parts(measure, len(blocks), AT_ONCE)
+    run_chunked(compute, len(blocks), BLOCKS_PER_CHUNK)
     return distances, weights
 
 
-def grid_of(samples: Samples, voxel: float, floor: float | None) -> Grid:
-    """Return a grid around the samples and down to below the floor."""
-    points = np.concatenate([samples.points_xyz, samples.alone_xyz])
+def enclosing_grid(samples: SurfaceSamples, voxel: float, floor: float | None) -> VoxelGrid:
+    """
+    Return a grid around all samples and orphan points, down to below the floor.
+
+    voxel : meters
+    floor : meters, height of the platter; None for none
+    :raises ParameterError: the voxel is too small for the samples
+    """
+    points = np.concatenate([samples.points_xyz, samples.orphans_xyz])
     low, high = points.min(axis=0), points.max(axis=0)
     if floor is not None:
         low[2] = min(low[2], floor)
-    return Grid.around(low, high, voxel, 3 * SIDE)
+    return VoxelGrid.around(low, high, voxel, 3 * BLOCK_SIDE)

@@ -1,43 +1,48 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What the camera looked through is outside, whatever the planes of the samples beside it say.
+Space carving: voxels on the lines of sight of measured points become outside.
 
-Over a sharp edge, the plane of one face goes on into the air; the rays to the other face go
-through there.
+Over a sharp edge the plane of one face extends into the air, where the signed distance to it says
+inside. The lines of sight to the other face pass there and show that it is empty.
 """
 
 import numpy as np
 
-from ivfmc_ros.meshing.samples.surface_samples import Samples
-from ivfmc_ros.meshing.tsdf.blocks import Blocks
+from ivfmc_ros.meshing.samples.surface_samples import SurfaceSamples
+from ivfmc_ros.meshing.tsdf.blocks import VoxelBlocks
 from ivfmc_ros.model import Singles
 
-_STEPS = 9
+_STEPS = 9  # along each ray
 _STEP = 0.9  # voxels
-# A ray begins so many voxels above its sample's plane: below, it says nothing.
+# A ray begins at this height over the plane of its sample (voxels): nearer, the noise of the
+# sample decides on which side a voxel is.
 _CLEARANCE = 1.0
-_RAYS = 2  # that have to agree
-# Rays to steeper surfaces run along them.
-_LEAST_FACING = 0.15
-_OUTSIDE = 0.3  # voxels
+_MIN_RAYS = 2  # through a voxel, so that one outlier carves nothing
+# Least cosine between ray and normal: rays at grazing incidence run along the surface.
+_MIN_FACING = 0.15
+_OUTSIDE = 0.3  # voxels, the distance given to carved voxels
 
 
-def carve(blocks: Blocks, values: Singles, samples: Samples) -> None:
-    """Make voxels that rays go through outside; ``values`` (blocks, 8, 8, 8) are changed."""
-    facing = (samples.normals * samples.sight).sum(axis=1)
-    chosen = np.flatnonzero(facing > _LEAST_FACING)[::2]
+def carve(blocks: VoxelBlocks, values: Singles, samples: SurfaceSamples) -> None:
+    """
+    Set inside voxels that rays of samples pass through to outside, in place.
+
+    values : (blocks, 8, 8, 8) float32, signed distance in voxels, positive outside
+    """
+    facing = (samples.normals * samples.to_camera).sum(axis=1)
+    chosen = np.flatnonzero(facing > _MIN_FACING)[::2]
     start = _CLEARANCE / facing[chosen, None]
-    at = blocks.grid.coordinates(samples.points_xyz[chosen])
-    sight = samples.sight[chosen]
-    at = (at + start * sight + 0.5).astype(np.float32)
-    step = (_STEP * sight).astype(np.float32)
+    at = blocks.grid.to_voxels(samples.points_xyz[chosen])
+    to_camera = samples.to_camera[chosen]
+    at = (at + start * to_camera + 0.5).astype(np.float32)
+    step = (_STEP * to_camera).astype(np.float32)
     flat = values.reshape(-1)
     inside = flat < 0
     rays = np.zeros(flat.size, dtype=np.uint8)
     for _ in range(_STEPS):
-        place = blocks.place(at.astype(np.int64))
-        hit = place[(place >= 0) & inside[place]]
+        index = blocks.flat_indices(at.astype(np.int64))
+        hit = index[(index >= 0) & inside[index]]
         rays[hit] = np.minimum(rays[hit] + 1, 200)
         at += step
-    flat[rays >= _RAYS] = _OUTSIDE
+    flat[rays >= _MIN_RAYS] = _OUTSIDE

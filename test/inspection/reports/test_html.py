@@ -10,9 +10,9 @@ import pytest
 
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.inspection.reports.html import Page
-from ivfmc_ros.inspection.reports.html import Picture
+from ivfmc_ros.inspection.reports.html import ReportImage
 from ivfmc_ros.inspection.reports.html import write_html
-from ivfmc_ros.meshing.filters.decimate import clustered
+from ivfmc_ros.meshing.filters.vertex_clustering import cluster_vertices_with_values
 from ivfmc_ros.simulation.parts.solids import sphere
 
 BROWSER = next(filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'chrome'))), None)
@@ -69,7 +69,9 @@ def test_million_triangles_stay_below_8_megabytes(tmp_path):
 def test_display_mesh_keeps_its_shape_and_values():
     solid = sphere(0.02)
     values = solid.vertices_xyz[:, 2]
-    vertices, faces, shown = clustered(solid.vertices_xyz, solid.faces, values, 5000)
+    vertices, faces, shown = cluster_vertices_with_values(
+        solid.vertices_xyz, solid.faces, values, 5000
+    )
     assert 800 < len(faces) <= 5000
     assert np.linalg.norm(vertices - (0, 0, 0.02), axis=1) == pytest.approx(0.02, abs=0.3e-3)
     assert shown == pytest.approx(vertices[:, 2], abs=1e-9)
@@ -83,7 +85,7 @@ def test_missing_folder_is_named(tmp_path):
 @needs_browser
 def test_page_renders_in_a_browser_without_errors(tmp_path):
     picture = cv2.imencode('.jpg', np.full((40, 60, 3), 200, dtype=np.uint8))[1].tobytes()
-    shown = [Picture(data=picture, media='image/jpeg', caption='grey')]
+    shown = [ReportImage(data=picture, media='image/jpeg', caption='gray')]
     write_html(tmp_path / 'report.html', page(pictures=shown))
     command = [
         BROWSER, '--headless=new', '--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader',
@@ -98,5 +100,5 @@ def test_page_renders_in_a_browser_without_errors(tmp_path):
     )  # fmt: skip
     assert 'CONSOLE' not in ran.stderr, ran.stderr
     image = cv2.imread(str(shot))
-    colours = len(np.unique(image[80:600].reshape(-1, 3), axis=0))
-    assert colours > 500, 'the mesh is not drawn'
+    colors = len(np.unique(image[80:600].reshape(-1, 3), axis=0))
+    assert colors > 500, 'the mesh is not drawn'

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ivfmc_ros.meshing.filters.decimate import decimated
+from ivfmc_ros.meshing.filters.decimate import decimate
 from ivfmc_ros.meshing.geometry import normals
 from ivfmc_ros.model import BASE
 from ivfmc_ros.model import MEASURED
@@ -24,16 +24,16 @@ def fine_box():
     return Mesh(
         vertices_xyz=vertices,
         faces=faces,
-        normals=normals.of_vertices(vertices, faces),
+        normals=normals.vertex_normals(vertices, faces),
         sigma=np.full(len(vertices), 1e-5),
         intensity=np.full(len(vertices), 50.0),
         kind=np.where(low, BASE, MEASURED).astype(np.uint8),
     )
 
 
-def test_flat_faces_lose_triangles_within_the_tolerance():
+def test_flat_faces_are_decimated_within_the_tolerance():
     mesh = fine_box()
-    small, error = decimated(mesh, 5e-6)
+    small, error = decimate(mesh, 5e-6)
     assert len(small.faces) < 0.3 * len(mesh.faces)
     assert error <= 5e-6
     apart = Surface(small.vertices_xyz, small.faces).nearest(mesh.vertices_xyz).distance
@@ -42,17 +42,17 @@ def test_flat_faces_lose_triangles_within_the_tolerance():
     assert ((small.kind == BASE) == bottom).mean() > 0.95
 
 
-def test_no_tolerance_keeps_what_cannot_be_spared():
+def test_rough_surface_is_not_decimated_with_a_small_tolerance():
     rng = np.random.default_rng(0)
     mesh = fine_box()
     bumpy = mesh.vertices_xyz + rng.normal(scale=2e-4, size=mesh.vertices_xyz.shape)
     rough = Mesh(
         vertices_xyz=bumpy,
         faces=mesh.faces,
-        normals=normals.of_vertices(bumpy, mesh.faces),
+        normals=normals.vertex_normals(bumpy, mesh.faces),
         sigma=mesh.sigma,
         intensity=mesh.intensity,
     )
-    same, error = decimated(rough, 1e-7)
+    same, error = decimate(rough, 1e-7)
     assert len(same.faces) == len(rough.faces)
     assert error == pytest.approx(0.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ivfmc_ros.meshing.filters.denoise import unfolded
+from ivfmc_ros.meshing.filters.denoise import unfold
 
 
 @pytest.fixture
@@ -16,14 +16,14 @@ def sheet():
     return vertices, quads.reshape(-1, 4)
 
 
-def test_a_vertex_that_went_past_its_neighbours_is_put_back(sheet):
+def test_vertex_that_folds_a_quad_is_put_back(sheet):
     vertices, quads = sheet
     moved = vertices.copy()
     moved[14] += [1.6, 0.0, 0.1]
-    assert np.array_equal(unfolded(vertices, moved, quads), vertices)
+    assert np.array_equal(unfold(vertices, moved, quads), vertices)
 
 
-def test_what_folds_nothing_stays_moved(sheet):
+def test_vertices_that_fold_no_quad_stay_moved(sheet):
     vertices, quads = sheet
     moved = vertices + np.random.default_rng(0).uniform(-0.2, 0.2, vertices.shape)
-    assert np.array_equal(unfolded(vertices, moved, quads), moved)
+    assert np.array_equal(unfold(vertices, moved, quads), moved)

@@ -27,7 +27,7 @@ SUFFIXES = ('.stl', '.ply', '.obj')
 
 
 def box():
-    """A box of 20, 30, 40 mm in metres."""
+    """A box of 20, 30, 40 mm in meters."""
     solid = trimesh.creation.box(extents=(0.02, 0.03, 0.04))
     vertices = np.asarray(solid.vertices, dtype=np.float64)
     return Mesh(
@@ -109,7 +109,7 @@ def test_obj_normals_are_those_of_the_vertices(tmp_path):
     assert [int(corner) for corner in first.groups()] == (box().faces[0] + 1).tolist()
 
 
-def test_ply_tells_which_faces_are_invented(tmp_path):
+def test_ply_has_the_kind_of_each_face(tmp_path):
     kind = np.array([MEASURED] * 10 + [BASE, FILLED], dtype=np.uint8)
     write_mesh(tmp_path / 'mesh.ply', replace(box(), kind=kind))
     header, _, body = (tmp_path / 'mesh.ply').read_bytes().partition(b'end_header\n')
@@ -121,7 +121,7 @@ def test_ply_tells_which_faces_are_invented(tmp_path):
     assert len(trimesh.load(tmp_path / 'mesh.ply').faces) == 12
 
 
-def test_glb_is_in_metres_with_y_up(tmp_path):
+def test_glb_is_in_meters_with_y_up(tmp_path):
     write_mesh(tmp_path / 'mesh.glb', box())
     read = trimesh.load(tmp_path / 'mesh.glb', force='mesh')
     assert read.is_watertight
@@ -209,7 +209,7 @@ def test_read_only_folder_is_named_and_stays_empty(tmp_path):
         tmp_path.chmod(0o700)
 
 
-def test_folder_that_takes_no_files_is_named():
+def test_folder_that_cannot_hold_files_is_named():
     with pytest.raises(FileError, match=r'^/proc/self/mesh\.stl: cannot be written'):
         write_mesh(Path('/proc/self/mesh.stl'), box())
 

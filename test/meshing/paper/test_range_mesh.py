@@ -10,7 +10,7 @@ from support.synthetic import small_cell
 from support.synthetic import Sphere
 from support.synthetic import sphere_profiles
 
-from ivfmc_ros.meshing.geometry.normals import of_faces
+from ivfmc_ros.meshing.geometry.normals import face_normals
 from ivfmc_ros.meshing.paper.range_mesh import range_mesh
 from ivfmc_ros.registration.views.assemble import assemble
 from ivfmc_ros.registration.views.assemble import without
@@ -26,7 +26,7 @@ def sphere_view(steps=60, **sweep):
 
 
 def border(faces):
-    """The number of edges that belong to one face only."""
+    """Return the number of boundary edges."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     counts = Counter(map(tuple, np.sort(edges, axis=1).tolist()))
     return sum(count == 1 for count in counts.values())
@@ -42,7 +42,7 @@ def test_faces_look_outward(laser):
     mesh = range_mesh(CELL, sphere_view(laser=laser), EDGE)
     assert len(mesh.faces) > 5000
     middle = mesh.vertices_xyz[mesh.faces].mean(axis=1) - SPHERE.center
-    outward = (of_faces(mesh.vertices_xyz, mesh.faces) * middle).sum(axis=1)
+    outward = (face_normals(mesh.vertices_xyz, mesh.faces) * middle).sum(axis=1)
     assert (outward > 0.5 * SPHERE.radius).all()
     normals = (mesh.vertices_xyz - SPHERE.center) / SPHERE.radius
     assert (mesh.normals * normals).sum(axis=1).min() > 0.95

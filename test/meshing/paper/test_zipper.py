@@ -9,8 +9,8 @@ from support.synthetic import sphere_profiles
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.meshing.geometry import normals
-from ivfmc_ros.meshing.paper.zipper import join_views
-from ivfmc_ros.meshing.paper.zipper import without_redundant
+from ivfmc_ros.meshing.paper.zipper import remove_redundant
+from ivfmc_ros.meshing.paper.zipper import zipper_views
 from ivfmc_ros.model import Mesh
 from ivfmc_ros.model import Poses
 from ivfmc_ros.registration.views.assemble import assemble
@@ -34,7 +34,7 @@ def area(mesh):
 
 
 def flat(z=0.0, count=20, step=1e-3, flip=False, shift=0.0):
-    """A square sheet at height z that faces up, or down."""
+    """Return a square sheet at height z that faces up, or down."""
     y, x = np.meshgrid(np.arange(count) * step, np.arange(count) * step + shift, indexing='ij')
     points = np.stack([x, y, np.full_like(x, z)], axis=2).reshape(-1, 3)
     index = np.arange(count * count).reshape(count, count)
@@ -47,57 +47,57 @@ def flat(z=0.0, count=20, step=1e-3, flip=False, shift=0.0):
     return Mesh(
         vertices_xyz=points,
         faces=faces,
-        normals=normals.of_vertices(points, faces),
+        normals=normals.vertex_normals(points, faces),
         sigma=1e-5 * ones,
         intensity=100 * ones,
     )
 
 
-def test_surface_that_is_there_already_is_redundant():
-    again = without_redundant(flat(z=2e-4), flat(), reach=1e-3)
+def test_overlapping_surface_is_redundant():
+    again = remove_redundant(flat(z=2e-4), flat(), max_distance=1e-3)
     assert len(again.faces) == 0
     assert len(again.vertices_xyz) == 0
 
 
-def test_part_that_is_new_is_kept_without_unused_points():
+def test_new_faces_are_kept_without_unused_vertices():
     # shifted by half its width: the faces over the free half stay, and those across its edge
-    patch = without_redundant(flat(shift=10e-3), flat(), reach=0.6e-3)
-    assert len(patch.faces) == 2 * 19 * 10
-    assert np.array_equal(np.unique(patch.faces), np.arange(len(patch.vertices_xyz)))
-    assert patch.vertices_xyz[:, 0].max() == pytest.approx(0.029)
-    assert len(patch.sigma) == len(patch.normals) == len(patch.vertices_xyz)
+    mesh = remove_redundant(flat(shift=10e-3), flat(), max_distance=0.6e-3)
+    assert len(mesh.faces) == 2 * 19 * 10
+    assert np.array_equal(np.unique(mesh.faces), np.arange(len(mesh.vertices_xyz)))
+    assert mesh.vertices_xyz[:, 0].max() == pytest.approx(0.029)
+    assert len(mesh.sigma) == len(mesh.normals) == len(mesh.vertices_xyz)
 
 
 def test_other_side_of_a_thin_wall_is_kept():
     back = flat(z=-2e-4, flip=True)
-    assert len(without_redundant(back, flat(), reach=1e-3).faces) == len(back.faces)
+    assert len(remove_redundant(back, flat(), max_distance=1e-3).faces) == len(back.faces)
 
 
-def test_surface_beyond_the_reach_is_kept():
+def test_surface_beyond_the_maximum_distance_is_kept():
     apart = flat(z=1.2e-3)
-    assert len(without_redundant(apart, flat(), reach=1e-3).faces) == len(apart.faces)
+    assert len(remove_redundant(apart, flat(), max_distance=1e-3).faces) == len(apart.faces)
 
 
-def test_second_laser_adds_only_what_the_first_did_not_see():
-    first = join_views(CELL, [sphere_view(0)], Poses.identity(1), EDGE)
-    both = join_views(CELL, [sphere_view(0), sphere_view(1, 1)], Poses.identity(2), EDGE)
-    alone = join_views(CELL, [sphere_view(1)], Poses.identity(1), EDGE)
-    assert area(first) < area(both) < area(first) + 0.35 * area(alone)
+def test_second_laser_adds_only_surface_that_the_first_did_not_measure():
+    first = zipper_views(CELL, [sphere_view(0)], Poses.identity(1), EDGE)
+    both = zipper_views(CELL, [sphere_view(0), sphere_view(1, 1)], Poses.identity(2), EDGE)
+    second = zipper_views(CELL, [sphere_view(1)], Poses.identity(1), EDGE)
+    assert area(first) < area(both) < area(first) + 0.35 * area(second)
     assert area(both) < 1.1 * 4.0 * np.pi * SPHERE.radius**2
 
 
-def test_joined_mesh_is_oriented_and_has_unit_normals():
-    mesh = join_views(CELL, [sphere_view(0), sphere_view(1, 1)], Poses.identity(2), EDGE)
+def test_merged_mesh_is_oriented_and_has_unit_normals():
+    mesh = zipper_views(CELL, [sphere_view(0), sphere_view(1, 1)], Poses.identity(2), EDGE)
     outward = (mesh.vertices_xyz - SPHERE.center) / SPHERE.radius
     assert np.abs(SPHERE.distance(mesh.vertices_xyz)).max() < 1e-12
     assert np.linalg.norm(mesh.normals, axis=1) == pytest.approx(np.ones(len(mesh.normals)))
     assert ((mesh.normals * outward).sum(axis=1) > 0.9).all()
     middle = mesh.vertices_xyz[mesh.faces].mean(axis=1) - SPHERE.center
-    assert ((normals.of_faces(mesh.vertices_xyz, mesh.faces) * middle).sum(axis=1) > 0).all()
+    assert ((normals.face_normals(mesh.vertices_xyz, mesh.faces) * middle).sum(axis=1) > 0).all()
 
 
 def test_top_is_covered_once_though_it_is_crossed_twice():
-    mesh = join_views(CELL, [sphere_view(0, steps=90)], Poses.identity(1), EDGE)
+    mesh = zipper_views(CELL, [sphere_view(0, steps=90)], Poses.identity(1), EDGE)
     corners = mesh.vertices_xyz[mesh.faces]
     # seen from above, as a share of a disc on the top of the sphere: the rest is the hole where
     # the stripe does not come nearer to the axis, and the rim that both sides keep
@@ -107,34 +107,34 @@ def test_top_is_covered_once_though_it_is_crossed_twice():
     assert 0.9 < covered < 1.15
 
 
-def test_views_are_joined_where_their_poses_put_them():
+def test_views_are_placed_by_their_poses():
     shift = transforms.rigid(np.eye(3), (0.0, 0.0, 0.08))
     poses = Poses(turntable_from_view=np.stack([np.eye(4), shift]))
-    mesh = join_views(CELL, [sphere_view(), sphere_view(view=1)], poses, EDGE)
+    mesh = zipper_views(CELL, [sphere_view(), sphere_view(view=1)], poses, EDGE)
     upper = mesh.vertices_xyz[:, 2] > 0.07
-    single = join_views(CELL, [sphere_view()], Poses.identity(1), EDGE)
+    single = zipper_views(CELL, [sphere_view()], Poses.identity(1), EDGE)
     assert upper.sum() == (~upper).sum() == len(single.vertices_xyz)
     raised = Sphere(SPHERE.center + np.array([0.0, 0.0, 0.08]), SPHERE.radius)
     assert np.abs(raised.distance(mesh.vertices_xyz[upper])).max() < 1e-12
 
 
-def test_empty_view_among_others_is_passed_over():
+def test_empty_view_is_ignored():
     view = sphere_view()
     empty = without(view, np.ones(view.valid.shape, dtype=bool))
-    mesh = join_views(CELL, [empty, view], Poses.identity(2), EDGE)
-    assert len(mesh.faces) == len(join_views(CELL, [view], Poses.identity(1), EDGE).faces)
+    mesh = zipper_views(CELL, [empty, view], Poses.identity(2), EDGE)
+    assert len(mesh.faces) == len(zipper_views(CELL, [view], Poses.identity(1), EDGE).faces)
 
 
 def test_points_too_far_apart_are_refused():
     with pytest.raises(GeometryError, match=r'meshing: .* within 0\.01 mm; raise max_edge'):
-        join_views(CELL, [sphere_view()], Poses.identity(1), 1e-5)
+        zipper_views(CELL, [sphere_view()], Poses.identity(1), 1e-5)
 
 
 def test_no_views_are_refused():
-    with pytest.raises(GeometryError, match='meshing: no three neighbouring points'):
-        join_views(CELL, [], Poses.identity(0), EDGE)
+    with pytest.raises(GeometryError, match='meshing: no three neighboring points'):
+        zipper_views(CELL, [], Poses.identity(0), EDGE)
 
 
 def test_pose_that_is_missing_is_refused():
     with pytest.raises(ValueError, match='argument'):
-        join_views(CELL, [sphere_view()], Poses.identity(2), EDGE)
+        zipper_views(CELL, [sphere_view()], Poses.identity(2), EDGE)

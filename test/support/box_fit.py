@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Planes fitted to the sides of a block that stands on the platter."""
+"""Fits planes to the four vertical sides of a block, for its angles and flatness."""
 
 from dataclasses import dataclass
 
@@ -9,19 +9,19 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Points farther than this from a side are no part of it (millimetres).
-_OUTLIER = 1.0
+# Points farther than this from a plane are outliers, millimeters.
+_MAX_DISTANCE = 1.0
 
 
 @dataclass(frozen=True)
-class Box:
+class FittedBox:
     """
-    Four upright sides of a block, counter-clockwise.
+    Four vertical sides of a block, counter-clockwise.
 
-    corners : (4,) degrees between neighbouring sides
+    corners : (4,) degrees between neighboring sides
     skew : (2,) degrees by which opposite sides are not parallel
-    flatness : (4,) rms in millimetres of each side's points about its plane
-    inliers : (4,) share of the points facing that way that lie on the plane
+    flatness : (4,) rms in millimeters of each side's points about its plane
+    inliers : (4,) share of the points facing that way that are within 1 mm of the plane
     """
 
     corners: Array
@@ -30,12 +30,12 @@ class Box:
     inliers: Array
 
 
-def fit_box(points: Array, normals: Array, low: float, high: float) -> Box:
+def fit_box(points: Array, normals: Array, low: float, high: float) -> FittedBox:
     """
     Fit the sides of a block.
 
-    points, normals : (n, 3), millimetres, z up
-    low, high : the heights between which the sides are taken
+    points, normals : (n, 3), millimeters, z up
+    low, high : heights between which points are used, millimeters
     """
     upright = (points[:, 2] > low) & (points[:, 2] < high) & (np.abs(normals[:, 2]) < 0.35)
     points, normals = points[upright], normals[upright]
@@ -44,7 +44,7 @@ def fit_box(points: Array, normals: Array, low: float, high: float) -> Box:
     first = edges[counts.argmax()] + 0.5
     sides = [_fit_side(points, azimuth, first + 90.0 * k) for k in range(4)]
     planes = np.array([side[0] for side in sides])
-    return Box(
+    return FittedBox(
         corners=np.array([_angle(planes[k], planes[(k + 1) % 4]) for k in range(4)]),
         skew=np.array([180.0 - _angle(planes[k], planes[k + 2]) for k in range(2)]),
         flatness=np.array([side[1] for side in sides]),
@@ -57,12 +57,12 @@ def _fit_side(points: Array, azimuth: Array, towards: float) -> tuple[Array, flo
     side = points[facing]
     used = side
     for _ in range(10):
-        centre = used.mean(axis=0)
-        normal = np.linalg.svd(used - centre, full_matrices=False)[2][2]
-        distance = (side - centre) @ normal
-        used = side[np.abs(distance) < _OUTLIER]
+        center = used.mean(axis=0)
+        normal = np.linalg.svd(used - center, full_matrices=False)[2][2]
+        distance = (side - center) @ normal
+        used = side[np.abs(distance) < _MAX_DISTANCE]
     outward = np.array([np.cos(np.radians(towards)), np.sin(np.radians(towards)), 0.0])
-    near = np.abs(distance) < _OUTLIER
+    near = np.abs(distance) < _MAX_DISTANCE
     flatness = float(np.sqrt(np.mean(distance[near] ** 2)))
     return normal * np.sign(normal @ outward), flatness, float(near.mean())
 

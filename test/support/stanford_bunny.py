@@ -1,17 +1,17 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reads the range scans of the Stanford bunny: ASCII PLY with a range grid, poses in bun.conf."""
+"""Reads the range scans of the Stanford bunny: ASCII PLY range grids, and poses in bun.conf."""
 
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ivfmc_ros.meshing.samples.surface_samples import RangeGrid
+from ivfmc_ros.meshing.samples.range_grid import RangeGrid
 
 
 def read_bunny(folder: Path) -> list[RangeGrid]:
-    """Return all scans where bun.conf puts them, metres."""
+    """Return all scans in the common frame of bun.conf, meters."""
     grids = []
     for line in (folder / 'bun.conf').read_text().splitlines():
         words = line.split()
@@ -23,7 +23,7 @@ def read_bunny(folder: Path) -> list[RangeGrid]:
         grids.append(
             RangeGrid(
                 points_xyz=points,
-                sight=np.broadcast_to(R.T @ [0.0, 0.0, 1.0], points.shape),
+                to_camera=np.broadcast_to(R.T @ [0.0, 0.0, 1.0], points.shape),
                 sigma=np.full(shape, 1e-4),
                 intensity=np.zeros(shape),
             )
@@ -32,7 +32,7 @@ def read_bunny(folder: Path) -> list[RangeGrid]:
 
 
 def read_grid(path: Path) -> np.ndarray:
-    """Return (rows, columns, 3) metres, NaN where the scanner saw nothing."""
+    """Return (rows, columns, 3) points in meters, NaN where nothing was measured."""
     lines = path.read_text(encoding='latin-1').splitlines()
     end = lines.index('end_header')
     head = {

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Views with noise, flying points and holes, and what a sound mesh of them is."""
+"""Views of a sphere with noise, outliers and holes, and a check for defects of meshes."""
 
 from dataclasses import replace
 
@@ -28,27 +28,27 @@ def views(count: int = 2, steps: int = 90) -> list[View]:
     ]
 
 
-def spoilt(view: View, seed: int) -> View:
-    """Add noise and single points that fly, and cut holes."""
+def degrade(view: View, seed: int) -> View:
+    """Return the view with noise, single outliers and holes."""
     rng = np.random.default_rng(seed)
     noise = rng.normal(scale=0.04e-3, size=view.points_xyz.shape)
-    flying = rng.random(view.valid.shape) < 0.002
-    noise[flying] += rng.normal(scale=1.5e-3, size=(int(flying.sum()), 3))
+    outlier = rng.random(view.valid.shape) < 0.002
+    noise[outlier] += rng.normal(scale=1.5e-3, size=(int(outlier.sum()), 3))
     rows, columns = np.indices(view.valid.shape)
-    gone = rng.random(view.valid.shape) < 0.03
+    removed = rng.random(view.valid.shape) < 0.03
     for _ in range(4):
         row, column = rng.integers(0, view.valid.shape[0]), rng.integers(0, view.valid.shape[1])
-        gone |= (np.abs(rows - row) < 25) & (np.abs(columns - column) < 4)
-    return without(replace(view, points_xyz=view.points_xyz + noise), gone & view.valid)
+        removed |= (np.abs(rows - row) < 25) & (np.abs(columns - column) < 4)
+    return without(replace(view, points_xyz=view.points_xyz + noise), removed & view.valid)
 
 
-def unsound(mesh: Mesh, *, closed: bool) -> list[str]:
-    """Name what keeps a mesh from being a sound, closed or open, surface, judged by libraries."""
+def mesh_defects(mesh: Mesh, *, closed: bool) -> list[str]:
+    """Return the names of the defects that Open3D and trimesh find in a closed or open mesh."""
     legacy = o3d.geometry.TriangleMesh(
         o3d.utility.Vector3dVector(mesh.vertices_xyz), o3d.utility.Vector3iVector(mesh.faces)
     )
     read = trimesh.Trimesh(mesh.vertices_xyz * 1e3, mesh.faces, process=False)
-    wrong = {
+    defects = {
         'edges': not legacy.is_edge_manifold(allow_boundary_edges=not closed),
         'vertices': not legacy.is_vertex_manifold(),
         'orientation': not (legacy.is_orientable() and read.is_winding_consistent),
@@ -56,4 +56,4 @@ def unsound(mesh: Mesh, *, closed: bool) -> list[str]:
         'degenerate': not read.area_faces.min() > 1e-9,
         'intersections': len(legacy.get_self_intersecting_triangles()) > 0,
     }
-    return [name for name, is_wrong in wrong.items() if is_wrong]
+    return [name for name, found in defects.items() if found]
