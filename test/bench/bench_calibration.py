@@ -22,10 +22,10 @@ from ivfmc_ros.calibration.camera.calibrate import CameraCalibration
 from ivfmc_ros.calibration.laser.calibrate import calibrate_laser
 from ivfmc_ros.calibration.laser.calibrate import LaserSettings
 from ivfmc_ros.calibration.turntable.calibrate import calibrate_turntable
-from ivfmc_ros.calibration.turntable.calibrate import first_axis
+from ivfmc_ros.calibration.turntable.calibrate import estimate_axis
 from ivfmc_ros.calibration.turntable.calibrate import TurntableCalibration
-from ivfmc_ros.calibration.turntable.platter import find_platter_stripes
-from ivfmc_ros.calibration.turntable.sightings import see_platter
+from ivfmc_ros.calibration.turntable.observations import detect_targets
+from ivfmc_ros.calibration.turntable.platter_stripes import find_platter_stripes
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.cell.cell import Cell
@@ -41,7 +41,7 @@ from ivfmc_ros.simulation.boards.pictures import scatter_poses
 CHESSBOARD = parse_board('chessboard:17x12:8mm')
 CHARUCO = parse_board('charuco:10x7:12mm:9mm:DICT_4X4_50')
 CAMERA_VIEWS, LASER_VIEWS, TABLE_VIEWS = 40, 25, 24
-SPHERE = 0.025  # radius, metres
+SPHERE = 0.025  # radius, meters
 
 
 def run() -> Iterator[Number]:
@@ -55,14 +55,18 @@ def run() -> Iterator[Number]:
 def rendered(folder: Path) -> Iterator[Number]:
     truth = bench_cell()
     render(truth, folder)
-    made = calibrate_camera(CHESSBOARD, find_views(CHESSBOARD, list_pictures(folder / 'camera')))
-    camera = made.camera
-    yield Number('rendered camera rms', made.rms, 'px', None, f'{len(made.used)} views')
+    result = calibrate_camera(CHESSBOARD, find_views(CHESSBOARD, list_pictures(folder / 'camera')))
+    camera = result.camera
+    yield Number('rendered camera rms', result.rms, 'px', None, f'{len(result.used)} views')
     error = float(camera.K[0, 0] - truth.camera.K[0, 0])
-    yield Number('focal length error', error, 'px', None, f'claimed 1 sigma {made.std["fx"]:.3f}')
+    yield Number(
+        'focal length error', error, 'px', None, f'claimed 1 sigma {result.std["fx"]:.3f}'
+    )
     lasers = []
     for number, true in enumerate(truth.lasers):
-        views = find_views(CHESSBOARD, list_pictures(folder / true.name), camera.size, lit=True)
+        views = find_views(
+            CHESSBOARD, list_pictures(folder / true.name), camera.size, with_stripe=True
+        )
         settings = LaserSettings(name=true.name)
         found = calibrate_laser(camera, CHESSBOARD, views, settings).laser
         lasers.append(found)
@@ -98,8 +102,8 @@ def render(cell: Cell, folder: Path) -> None:
 
 
 def calibrated_table(camera: Camera, folder: Path) -> TurntableCalibration:
-    views = see_platter(camera, CHARUCO, list_pictures(folder))
-    first, _ = first_axis(camera, views, str(folder))
+    views = detect_targets(camera, CHARUCO, list_pictures(folder))
+    first, _ = estimate_axis(camera, views, str(folder))
     return calibrate_turntable(camera, views, first)
 
 
@@ -175,19 +179,19 @@ def fitted_radius(points: Floats) -> float:
 def real(data: Path) -> Iterator[Number]:
     board = parse_board('chessboard:8x6:40mm')
     folders = [data / 'chessboard', data / 'chessboard_laser']
-    made = real_camera(board, folders)
-    note = f'{len(made.used)} of {len(made.used) + len(made.dropped)} views'
-    yield Number('real camera rms', made.rms, 'px', at_most(0.20), note)
-    camera = made.camera
-    views = find_views(board, list_pictures(folders[1]), camera.size, lit=True)
+    result = real_camera(board, folders)
+    note = f'{len(result.used)} of {len(result.used) + len(result.dropped)} views'
+    yield Number('real camera rms', result.rms, 'px', at_most(0.20), note)
+    camera = result.camera
+    views = find_views(board, list_pictures(folders[1]), camera.size, with_stripe=True)
     laser = calibrate_laser(camera, board, views)
-    note = f'{len(laser.used)} views, {laser.kept_share:.0%} of their points'
+    note = f'{len(laser.used)} views, {laser.inlier_fraction:.0%} of their points'
     rms = laser.laser.residual_rms * 1e3
     yield Number('real laser plane, inlier rms', rms, 'mm', at_most(0.30), note)
     markers, pictures = parse_markers('DICT_4X4_50:30mm'), list_pictures(data / 'empty_table')
-    seen = see_platter(camera, markers, pictures)
-    first, _ = first_axis(camera, seen, 'empty_table')
-    radius = first.axis.radius(seen.sightings)
+    seen = detect_targets(camera, markers, pictures)
+    first, _ = estimate_axis(camera, seen, 'empty_table')
+    radius = first.axis.radius(seen.observations)
     stripes = find_platter_stripes(camera, laser.laser, first.axis, radius, pictures, markers)
     table = calibrate_turntable(camera, seen, first, stripes)
     note = f"{len(stripes.uv)} points; markers / 30 mm = {table.scale:.4f} by the laser's scale"

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A small camera that looks at boards, with pictures and with exact corners."""
+"""A small camera, a board, and detections with exact corners plus noise."""
 
 from pathlib import Path
 
@@ -11,8 +11,8 @@ import pytest
 from ivfmc_ros.calibration.boards.board import Board
 from ivfmc_ros.calibration.boards.board import Corners
 from ivfmc_ros.calibration.boards.board import parse_board
-from ivfmc_ros.calibration.boards.views import View
-from ivfmc_ros.calibration.boards.views import Views
+from ivfmc_ros.calibration.boards.views import BoardView
+from ivfmc_ros.calibration.boards.views import BoardViews
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.cell.cell import Cell
@@ -29,7 +29,7 @@ def half_size(cell: Cell) -> Cell:
 
 
 def look_at(tilt_x: float, tilt_y: float, place: tuple[float, float, float], board: Board):
-    """Pose (6,) of a board whose middle is at ``place``, metres; tilts in degrees."""
+    """Pose (6,) of a board centered at ``place``, meters; tilts in degrees."""
     turn = cv2.Rodrigues(np.radians([tilt_x, tilt_y, 0.0]))[0]
     middle = board.corners_xyz.mean(axis=0)
     return np.concatenate([cv2.Rodrigues(turn)[0].ravel(), np.array(place) - turn @ middle])
@@ -62,19 +62,19 @@ def poses(board):
 
 @pytest.fixture
 def make_views(cell, board, poses):
-    """Views with exact corners plus noise; of a board with other corners if they are given."""
+    """Detections with exact corners plus noise; ``corners_xyz`` replaces the nominal corners."""
 
-    def make(noise: float = 0.03, corners_xyz=None, seed: int = 0) -> Views:
+    def make(noise: float = 0.03, corners_xyz=None, seed: int = 0) -> BoardViews:
         rng = np.random.default_rng(seed)
         points = board.corners_xyz if corners_xyz is None else corners_xyz
         found = tuple(
-            View(
+            BoardView(
                 path=Path(f'pictures/{k}.png'),
                 corners=corners_at(cell.camera, points, pose, noise, rng),
             )
             for k, pose in enumerate(poses)
         )
-        return Views(found=found, without=(), size=cell.camera.size)
+        return BoardViews(found=found, missed=(), size=cell.camera.size)
 
     return make
 

@@ -7,8 +7,8 @@ from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.laser import LaserPlane
 from ivfmc_ros.simulation import bench
 from ivfmc_ros.simulation.render.optics import axis_depth
-from ivfmc_ros.simulation.render.sources import usual_source
-from ivfmc_ros.simulation.render.sources import usual_sources
+from ivfmc_ros.simulation.render.sources import default_source
+from ivfmc_ros.simulation.render.sources import default_sources
 
 
 def base_from_camera(cell):
@@ -43,7 +43,7 @@ def test_planes_hold_the_axis_and_their_azimuth(cell, index, degrees):
 
 @pytest.mark.parametrize(('index', 'degrees'), [(0, 36.0), (1, -30.0)])
 def test_sources_stand_in_their_planes(cell, index, degrees):
-    source = usual_sources(cell)[index].position
+    source = default_sources(cell)[index].position
     assert cell.lasers[index].distance(source[None]) == pytest.approx(0, abs=1e-12)
     x, y, z = transforms.apply(base_from_camera(cell), source)
     assert np.degrees(np.arctan2(y, x)) == pytest.approx(degrees)
@@ -54,7 +54,7 @@ def test_a_level_sheet_has_a_level_source(cell):
     normal = cell.turntable.camera_from_base[:3, 2]
     middle = transforms.apply(cell.turntable.camera_from_base, np.array([0, 0, 0.03]))
     level = LaserPlane(name='level', normal=normal, offset=float(-normal @ middle))
-    source = usual_source(cell, level).position
+    source = default_source(cell, level).position
     assert level.distance(source[None]) == pytest.approx(0, abs=1e-12)
     x, _, z = transforms.apply(base_from_camera(cell), source)
     assert (x, z) == pytest.approx((0.4, 0.03))

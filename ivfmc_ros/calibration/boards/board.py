@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration boards: what they are, how they are written, where their corners are seen."""
+"""Chessboard and ChArUco boards: description, parsing, sub-pixel corner detection (OpenCV)."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,23 +21,27 @@ from ivfmc_ros.model import Ints
 from ivfmc_ros.validation import require_in_range
 from ivfmc_ros.validation import require_one_of
 
-FORMS = "'chessboard:8x6:40mm' (inner corners) or 'charuco:10x7:12mm:9mm:DICT_4X4_50' (squares)"
+BOARD_SYNTAX = (
+    "'chessboard:8x6:40mm' (inner corners) or 'charuco:10x7:12mm:9mm:DICT_4X4_50' (squares)"
+)
 
 _LENGTH = re.compile(r'([0-9]*\.?[0-9]+)(mm|m)')
 _GRID = re.compile(r'([0-9]+)x([0-9]+)')
-# Percentile of the pixels that is as bright as paper where a stripe is brighter.
-_WHITE = 95.0
-_SUBPIX = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-4)
-# Pixels of the view from above for one of the picture: at one to one, all corners of a board seen
-# straight fall on the same fraction of a pixel and share its error (0.035 px, 0.012 px with 1.5).
-_FINER = 1.5
+# Percentile of the gray values taken as the brightness of paper: a stripe covers less than 5 %.
+_WHITE_PERCENTILE = 95.0
+# of cv2.cornerSubPix: at most 100 iterations, or a step below 1e-4 pixel
+_SUBPIX_CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-4)
+# Pixels of the rectified board per pixel of the picture. With 1.0, all corners of a board that
+# faces the camera fall on the same fraction of a pixel and share its error of 0.035 px; with 1.5
+# the error is 0.012 px.
+_RECTIFIED_SCALE = 1.5
 _UNITS = {'mm': 1e-3, 'm': 1.0}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Corners:
     """
-    Corners of a board as one picture shows them.
+    Corners of a board detected in one picture.
 
     ids : (n,) int64, row of ``Board.corners_xyz``
     uv : (n, 2) float64, pixel (column, row)
@@ -49,15 +53,15 @@ class Corners:
     def __len__(self) -> int:
         return len(self.ids)
 
-    def chosen(self, keep: Bools) -> 'Corners':
-        """Return only the chosen corners, (n,) bool."""
+    def select(self, keep: Bools) -> 'Corners':
+        """Return the corners for which ``keep``, (n,) bool, is true."""
         return Corners(ids=self.ids[keep], uv=self.uv[keep])
 
 
 @dataclass(frozen=True)
 class Board:
     """
-    A flat board with corners at known places, in a frame of its own: z = 0, metres.
+    A flat board with corners at known positions in its own frame: z = 0, meters.
 
     chessboard : ``columns`` x ``rows`` inner corners, the first of them at the origin, x along
         the columns, y along the rows
@@ -97,14 +101,14 @@ class Board:
 
     @cached_property
     def corners_xyz(self) -> Floats:
-        """(n, 3) float64, metres, frame of the board: where its corners are, in order of ids."""
+        """(n, 3) float64, meters, frame of the board: nominal corners in order of their ids."""
         if self.kind == 'charuco':
             return np.asarray(self.charuco().getChessboardCorners(), dtype=np.float64)
         y, x = np.mgrid[: self.rows, : self.columns].reshape(2, -1) * self.square
         return np.stack([x, y, np.zeros_like(x)], axis=1)
 
     def charuco(self) -> Any:
-        """Return the cv2.aruco.CharucoBoard."""
+        """Return the cv2.aruco.CharucoBoard; :raises ParameterError: it is a chessboard."""
         if self.marker is None or self.dictionary is None:
             raise ParameterError('board: a chessboard has no markers')
         board = cv2.aruco.CharucoBoard(
@@ -125,14 +129,14 @@ class Board:
 
 def parse_board(text: str) -> Board:
     """
-    Read a board such as 'chessboard:8x6:40mm' or 'charuco:10x7:12mm:9mm:DICT_4X4_50[:legacy]'.
+    Parse a board such as 'chessboard:8x6:40mm' or 'charuco:10x7:12mm:9mm:DICT_4X4_50[:legacy]'.
 
-    :raises ParameterError: it is none
+    :raises ParameterError: the text does not describe a possible board
     """
     kind, *parts = text.split(':')
     grid = _GRID.fullmatch(parts[0]) if parts else None
     if grid is None:
-        raise ParameterError(f'board: {text!r} is not understood; write {FORMS}')
+        raise ParameterError(f'board: {text!r} is not understood; write {BOARD_SYNTAX}')
     columns, rows = int(grid[1]), int(grid[2])
     lengths = [parse_length(part, 'board') for part in parts[1:3]]
     if kind == 'chessboard' and len(parts) == 2:
@@ -140,14 +144,15 @@ def parse_board(text: str) -> Board:
     legacy = parts[4:] == ['legacy']
     if kind == 'charuco' and len(parts) == 4 + legacy:
         return Board('charuco', columns, rows, lengths[0], lengths[1], parts[3], legacy)
-    raise ParameterError(f'board: {text!r} is not understood; write {FORMS}')
+    raise ParameterError(f'board: {text!r} is not understood; write {BOARD_SYNTAX}')
 
 
 def parse_length(text: str, name: str) -> float:
     """
-    Read a length such as '40mm' or '0.04m' and return metres.
+    Parse a length such as '40mm' or '0.04m'; return meters.
 
-    :raises ParameterError: it has no unit or is no positive number; ``name`` says of what
+    name : of the parameter, for the message of an error
+    :raises ParameterError: the text has no unit or no positive number
     """
     found = _LENGTH.fullmatch(text.strip())
     if found is None or float(found[1]) == 0:
@@ -157,9 +162,9 @@ def parse_length(text: str, name: str) -> float:
 
 def marker_dictionary(name: str) -> Any:
     """
-    Return the cv2.aruco dictionary of a name such as DICT_4X4_50.
+    Return the predefined cv2.aruco dictionary of a name such as DICT_4X4_50.
 
-    :raises ParameterError: there is none
+    :raises ParameterError: cv2.aruco has no such dictionary
     """
     number = getattr(cv2.aruco, name, None) if name.startswith('DICT_') else None
     if not isinstance(number, int):
@@ -167,20 +172,21 @@ def marker_dictionary(name: str) -> Any:
     return cv2.aruco.getPredefinedDictionary(number)
 
 
-def find_corners(board: Board, image: Image, *, lit: bool = False) -> Corners | None:
+def find_corners(board: Board, image: Image, *, with_stripe: bool = False) -> Corners | None:
     """
-    Find the corners of ``board`` in a picture, to a fraction of a pixel.
+    Detect the corners of ``board`` in a picture with sub-pixel accuracy.
 
-    A chessboard is found whole or not at all (Duda & Frese 2018, OpenCV's SB detector); of a
-    charuco board the corners that are seen, at least four.
+    A chessboard is detected completely or not at all (Duda & Frese 2018, OpenCV's SB detector);
+    of a ChArUco board the visible corners are returned, at least four.
 
     image : (height, width) or (height, width, 3) BGR
-    lit : whether a stripe is on the board, brighter than its paper
+    with_stripe : whether a laser stripe, brighter than the paper, is on the board
+    returns : None if the board is not detected
     """
     gray = to_gray(image)
     pictures = [gray, _without_highlights(gray)]
-    find = _find_charuco if board.kind == 'charuco' else _find_chess
-    first, second = reversed(pictures) if lit else pictures
+    find = _find_charuco if board.kind == 'charuco' else _find_chessboard
+    first, second = reversed(pictures) if with_stripe else pictures
     corners = find(board, first, True)
     return corners if corners is not None else find(board, second, False)
 
@@ -194,7 +200,7 @@ def to_gray(image: Image) -> NDArray[np.uint8]:
     return np.asarray(image, dtype=np.uint8)
 
 
-def _find_chess(board: Board, gray: NDArray[np.uint8], thorough: bool) -> Corners | None:
+def _find_chessboard(board: Board, gray: NDArray[np.uint8], thorough: bool) -> Corners | None:
     flags = cv2.CALIB_CB_ACCURACY | (cv2.CALIB_CB_EXHAUSTIVE if thorough else 0)
     found = cv2.findChessboardCornersSB(gray, (board.columns, board.rows), flags=flags)
     if not found[0]:
@@ -204,8 +210,8 @@ def _find_chess(board: Board, gray: NDArray[np.uint8], thorough: bool) -> Corner
 
 
 def _without_highlights(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return a picture stretched to its white, so that a stripe is no brighter than the paper."""
-    white = max(float(np.percentile(gray, _WHITE)), 1.0)
+    """Return the picture scaled to white paper and clipped: a stripe is as bright as the paper."""
+    white = max(float(np.percentile(gray, _WHITE_PERCENTILE)), 1.0)
     return np.asarray(np.minimum(gray * (255.0 / white), 255.0), dtype=np.uint8)
 
 
@@ -217,33 +223,40 @@ def _find_charuco(board: Board, gray: NDArray[np.uint8], _: bool) -> Corners | N
         ids=np.asarray(ids, dtype=np.int64).ravel(),
         uv=np.asarray(uv, dtype=np.float64).reshape(-1, 2),
     )
-    # OpenCV 4.8 gives corners half a pixel off, 5.0 does not: what is measured here is neither's
-    return _refined(board, corners, gray)
+    # OpenCV 4.8 returns corners off by half a pixel, 5.0 does not: both are refined here
+    return _refine_rectified(board, corners, gray)
 
 
-def _refined(board: Board, corners: Corners, gray: NDArray[np.uint8]) -> Corners:
+def _refine_rectified(board: Board, corners: Corners, gray: NDArray[np.uint8]) -> Corners:
     """
-    Measure charuco corners in a picture of the board seen from straight above.
+    Refine ChArUco corners in the rectified picture (warped by the homography of the board).
 
-    A window in the picture itself would take in edges of markers where the board is seen at a low
-    angle, which moved corners by a pixel; from above it can be as large as the markers' margin.
+    In the picture itself, at grazing view, the search window would contain edges of markers,
+    which moved corners by up to a pixel. In the rectified picture the window fits into the
+    margin between marker and square.
     """
     xy = board.corners_xyz[corners.ids, :2]
-    # None for corners in a line, which the stubs do not know
+    # returns None for collinear corners, which OpenCV's type stubs omit
     image_from_board: Any = cv2.findHomography(xy, corners.uv)[0]
     if image_from_board is None:
         return corners
     center = xy.mean(axis=0)
-    near = center + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]) * 0.1 * board.square
-    spots = cv2.perspectiveTransform(near.reshape(-1, 1, 2), image_from_board).reshape(-1, 2)
-    density = _FINER * np.linalg.norm(spots[1:] - spots[0], axis=1).max() / (0.1 * board.square)
-    board_from_above = np.diag([1 / density, 1 / density, 1.0])
+    probes = center + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]) * 0.1 * board.square
+    projected = cv2.perspectiveTransform(probes.reshape(-1, 1, 2), image_from_board).reshape(-1, 2)
+    density = (
+        _RECTIFIED_SCALE
+        * np.linalg.norm(projected[1:] - projected[0], axis=1).max()
+        / (0.1 * board.square)
+    )
+    board_from_rectified = np.diag([1 / density, 1 / density, 1.0])
     size = np.ceil(density * board.square * np.array([board.columns, board.rows])).astype(int)
-    H = image_from_board @ board_from_above
+    H = image_from_board @ board_from_rectified
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    above = cv2.warpPerspective(gray, H, (int(size[0]), int(size[1])), flags=flags)
-    reach = int(np.clip(0.5 * (board.square - (board.marker or 0.0)) * density, 3, 22))
+    rectified = cv2.warpPerspective(gray, H, (int(size[0]), int(size[1])), flags=flags)
+    half_window = int(np.clip(0.5 * (board.square - (board.marker or 0.0)) * density, 3, 22))
     start = cv2.perspectiveTransform(corners.uv.reshape(-1, 1, 2), np.linalg.inv(H))
-    found = cv2.cornerSubPix(above, start.astype(np.float32), (reach, reach), (-1, -1), _SUBPIX)
+    found = cv2.cornerSubPix(
+        rectified, start.astype(np.float32), (half_window, half_window), (-1, -1), _SUBPIX_CRITERIA
+    )
     uv = cv2.perspectiveTransform(np.asarray(found, dtype=np.float64), H)
     return Corners(ids=corners.ids, uv=np.asarray(uv, dtype=np.float64).reshape(-1, 2))

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Single ArUco markers: how they are written, where their corners are seen."""
+"""Single ArUco markers: description, parsing, sub-pixel corner detection."""
 
 from dataclasses import dataclass
 
@@ -10,18 +10,18 @@ import numpy as np
 from ivfmc_ros.calibration.boards.board import marker_dictionary
 from ivfmc_ros.calibration.boards.board import parse_length
 from ivfmc_ros.calibration.boards.board import to_gray
-from ivfmc_ros.calibration.boards.edges import refine_square
+from ivfmc_ros.calibration.boards.edges import refine_quad
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Image
 from ivfmc_ros.validation import require_in_range
 
-_FORM = "'DICT_4X4_50:30mm' (dictionary, side)"
+_MARKER_SYNTAX = "'DICT_4X4_50:30mm' (dictionary, side)"
 
 
 @dataclass(frozen=True)
 class Markers:
-    """Markers of one dictionary and one size; ``side`` of the black square in metres."""
+    """Markers of one dictionary and one size; ``side`` of the black square in meters."""
 
     dictionary: str
     side: float
@@ -32,7 +32,7 @@ class Markers:
 
     @property
     def corners_xyz(self) -> Floats:
-        """(4, 3) metres: corners about the marker's centre, in the order they are detected."""
+        """(4, 3) meters: corners about the marker's center, in the order they are detected."""
         square = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
         return np.asarray(0.5 * self.side * square)
 
@@ -42,28 +42,28 @@ class Markers:
 
 def parse_markers(text: str) -> Markers:
     """
-    Read markers such as 'DICT_4X4_50:30mm'.
+    Parse markers such as 'DICT_4X4_50:30mm'.
 
-    :raises ParameterError: it is none
+    :raises ParameterError: the text is not DICTIONARY:SIDE, or names no dictionary of cv2.aruco
     """
     dictionary, colon, side = text.partition(':')
     if not colon:
-        raise ParameterError(f'markers: {text!r} is not understood; write {_FORM}')
+        raise ParameterError(f'markers: {text!r} is not understood; write {_MARKER_SYNTAX}')
     return Markers(dictionary, parse_length(side, 'markers'))
 
 
 def find_markers(markers: Markers, image: Image) -> dict[int, Floats]:
     """
-    Find markers in a picture.
+    Detect markers in a picture.
 
-    returns : for each id the (4, 2) pixels of its corners, clockwise from the upper left
+    returns : by id, the (4, 2) pixels of the corners, clockwise from the marker's upper left
     """
     gray = to_gray(image)
     detector = cv2.aruco.ArucoDetector(marker_dictionary(markers.dictionary))
     quads, ids, _ = detector.detectMarkers(gray)
-    # None when there are none, whatever the stubs say
+    # ids is None without a detection, which OpenCV's type stubs omit
     numbers = np.ravel(ids) if len(quads) else np.empty(0)
     return {
-        int(number): refine_square(gray, np.asarray(quad, dtype=np.float64).reshape(4, 2))
+        int(number): refine_quad(gray, np.asarray(quad, dtype=np.float64).reshape(4, 2))
         for number, quad in zip(numbers, quads, strict=True)
     }

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from ivfmc_ros.calibration.boards.board import Board
+from ivfmc_ros.calibration.boards.board_shape import BoardShape
+from ivfmc_ros.calibration.boards.views import BoardView
+from ivfmc_ros.calibration.boards.views import BoardViews
 from ivfmc_ros.calibration.boards.views import for_each_picture
 from ivfmc_ros.calibration.boards.views import picture_name
 from ivfmc_ros.calibration.boards.views import read_sized
-from ivfmc_ros.calibration.boards.views import BoardView
-from ivfmc_ros.calibration.boards.views import BoardViews
-from ivfmc_ros.calibration.camera.board_poses import estimate_board_poses
 from ivfmc_ros.calibration.camera.board_poses import BoardPose
-from ivfmc_ros.calibration.boards.board_shape import BoardShape
+from ivfmc_ros.calibration.camera.board_poses import estimate_board_poses
 from ivfmc_ros.calibration.laser import plane as planes
 from ivfmc_ros.calibration.laser.paper_mask import paper_mask
 from ivfmc_ros.calibration.laser.plane import PlaneFit
@@ -268,7 +268,7 @@ def plane_std(fit: PlaneFit, views: Sequence[StripePoints]) -> float:
 
 def sheet_thickness(views: Sequence[LaserView], normal: Floats) -> float:
     """
-    Return the thickness of the laser plane, 1 sigma in meters: the median over views.
+    Return the thickness of the light sheet, 1 sigma in meters: the median over views.
 
     The width of the stripe in the picture is projected on the normal of the plane. The variance
     of a pixel's own extent is subtracted. The blur of the lens is unknown and counts as thickness:

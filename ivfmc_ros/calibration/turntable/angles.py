@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The table angle of every picture of a scan, measured and, if wanted, filled in between."""
+"""Table angle of every picture of a scan: measured, optionally interpolated between pictures."""
 
 from collections.abc import Mapping
 from collections.abc import Sequence
@@ -8,22 +8,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ivfmc_ros.calibration.turntable.axis_adjust import Adjusted
-from ivfmc_ros.calibration.turntable.calibrate import steps_of
-from ivfmc_ros.calibration.turntable.sightings import PlatterViews
+from ivfmc_ros.calibration.turntable.axis_adjustment import AxisAdjustment
+from ivfmc_ros.calibration.turntable.calibrate import angle_steps
+from ivfmc_ros.calibration.turntable.observations import PlatterViews
 
-# A picture so many medians of the standard deviation off is not believed.
-_UNSURE = np.radians(0.5)
+# A measured angle with a greater standard deviation is not used: radians.
+_MAX_ANGLE_STD = np.radians(0.5)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Angles:
+class PictureAngles:
     """
-    Angles of pictures in radians, by file name, continuous; the first is 0.
+    Table angles of pictures by file name, unwrapped; the first is 0.
 
-    filled : those that no marker showed and that were interpolated between their neighbours
+    by_name : radians
+    filled : pictures without a detection, interpolated between their neighbors
     missing : pictures without an angle
-    std : typical 1 sigma of a measured one, radians
+    std : median of the 1 sigma of the measured angles, radians
     """
 
     by_name: dict[str, float]
@@ -34,24 +35,26 @@ class Angles:
     @property
     def steps(self) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
         """(n - 1,) radians from picture to picture."""
-        return steps_of(list(self.by_name.values()))
+        return angle_steps(list(self.by_name.values()))
 
 
-def angles_of(views: PlatterViews, adjusted: Adjusted, order: Sequence[str]) -> Angles:
+def collect_angles(
+    views: PlatterViews, adjusted: AxisAdjustment, order: Sequence[str]
+) -> PictureAngles:
     """
-    Return the measured angles.
+    Return the measured angles of a scan.
 
-    order : names of all pictures, as the table went through them
+    order : names of all pictures, in the order in which they were taken
     """
-    sure = adjusted.angle_std < _UNSURE
+    certain = adjusted.angle_std < _MAX_ANGLE_STD
     measured = {
         path.name: float(angle)
-        for path, angle, is_sure in zip(views.pictures, adjusted.axis.angles, sure, strict=True)
-        if is_sure
+        for path, angle, keep in zip(views.pictures, adjusted.axis.angles, certain, strict=True)
+        if keep
     }
     names = [name for name in order if name in measured]
     continuous = np.unwrap([measured[name] for name in names])
-    return Angles(
+    return PictureAngles(
         by_name=dict(zip(names, (continuous - continuous[0]).tolist(), strict=True)),
         filled=(),
         missing=tuple(name for name in order if name not in measured),
@@ -59,14 +62,14 @@ def angles_of(views: PlatterViews, adjusted: Adjusted, order: Sequence[str]) -> 
     )
 
 
-def fill_gaps(angles: Angles, order: Sequence[str]) -> Angles:
-    """Interpolate angles of pictures between measured ones; none at the ends."""
+def fill_gaps(angles: PictureAngles, order: Sequence[str]) -> PictureAngles:
+    """Interpolate the missing angles between measured ones, linearly; do not extrapolate."""
     known: Mapping[str, float] = angles.by_name
-    places = [place for place, name in enumerate(order) if name in known]
-    between = range(places[0], places[-1] + 1)
-    values = np.interp(between, places, [known[order[place]] for place in places])
-    by_name = {order[p]: float(v) for p, v in zip(between, values, strict=True)}
-    return Angles(
+    indices = [index for index, name in enumerate(order) if name in known]
+    between = range(indices[0], indices[-1] + 1)
+    values = np.interp(between, indices, [known[order[index]] for index in indices])
+    by_name = {order[index]: float(v) for index, v in zip(between, values, strict=True)}
+    return PictureAngles(
         by_name=by_name,
         filled=tuple(name for name in by_name if name not in known),
         missing=tuple(name for name in order if name not in by_name),

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The platter of a calibrated turntable as one more board for the laser's calibration."""
+"""Platter of a calibrated turntable as an additional view of the laser calibration."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,9 +8,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from ivfmc_ros.calibration.boards.board_shape import BoardShape
 from ivfmc_ros.calibration.boards.markers import Markers
 from ivfmc_ros.calibration.camera.board_poses import BoardPose
-from ivfmc_ros.calibration.boards.board_shape import BoardShape
 from ivfmc_ros.calibration.laser.calibrate import triangulate_stripe
 from ivfmc_ros.calibration.laser.plane import StripePoints
 from ivfmc_ros.calibration.laser.stripes import BoardStripe
@@ -34,10 +34,11 @@ def platter_stripe_points(
     progress: Progress = no_progress,
 ) -> StripePoints:
     """
-    Return the stripe on the platter, as uncertain as the turntable's pose.
+    Return the triangulated stripe on the platter, with the covariance of the turntable's pose.
 
-    radius : meters, within which the platter is bare
-    :raises CalibrationError: no picture shows it
+    radius : meters about the axis, within which the platter is bare
+    markers : on the platter, to be masked
+    :raises CalibrationError: no picture shows the stripe
     """
     found = extract_platter_stripes(
         camera,
@@ -56,15 +57,15 @@ def platter_stripe_points(
         board_shape=BoardShape(center=np.zeros(2), coefficients=np.zeros(4)),
         rms=0.0,
     )
-    # all pictures show the same line: one view
+    # all pictures show the same line in space: one view
     sigma = float(np.median([s for *_, s in found]))
     uv = np.concatenate([uv for _, uv, _ in found])
-    joined = BoardStripe(uv=uv, sigma=sigma, width=np.full(len(uv), np.nan))
-    return triangulate_stripe(camera, board_pose, joined, stripe)
+    stripe_points = BoardStripe(uv=uv, sigma=sigma, width=np.full(len(uv), np.nan))
+    return triangulate_stripe(camera, board_pose, stripe_points, stripe)
 
 
 def _pose_covariance(turntable: Turntable) -> Floats:
-    """Return the covariance of (rotation vector, translation); a turn by ω changes the vector."""
+    """Return the (6, 6) covariance of (rotation vector, translation) of the turntable."""
     if turntable.covariance is None:
         return np.diag([1e-3] * 3 + [max(turntable.residual_rms, 1e-5)] * 3) ** 2
     rotation, _ = cv2.Rodrigues(turntable.camera_from_base[:3, :3])

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The stripe on the bare platter, put into space by the calibrated laser."""
+"""Laser stripe on the bare platter: extraction, and triangulation by the calibrated laser."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,8 +29,8 @@ from ivfmc_ros.progress import no_progress
 from ivfmc_ros.progress import Progress
 from ivfmc_ros.stripe.extract import ExtractSettings
 
-_STEP_PIXEL = 0.25
-# Markers are left out with this share of their size around them.
+_STEP_PIXEL = 0.25  # pixels, of the numerical Jacobian
+# Markers are masked with this fraction of their size around them.
 _MARKER_MARGIN = 0.15
 
 
@@ -39,8 +39,9 @@ class PlatterStripes:
     """
     Stripe points on a platter.
 
-    uv : (n, 2) pixel; picture : (n,) index into ``pictures``
-    platter_points : the points in space and how certain their platter_points are
+    picture : (n,) index into ``pictures``
+    uv : (n, 2) pixel
+    platter_points : the triangulated points, with the 1 sigma of their heights
     """
 
     pictures: tuple[Path, ...]
@@ -61,11 +62,12 @@ def find_platter_stripes(
     progress: Progress = no_progress,
 ) -> PlatterStripes:
     """
-    Find the stripe on the platter in each picture.
+    Extract and triangulate the stripe on the platter in each picture.
 
-    axis : where the platter is, to a centimetre
-    radius : meters, of the part of the platter that is used
-    :raises CalibrationError: there is none
+    axis : where the platter is, to a centimeter
+    radius : meters about the axis, within which the platter is used
+    target : markers are masked
+    :raises CalibrationError: no picture shows the stripe
     """
     found = extract_platter_stripes(
         camera,
@@ -100,32 +102,32 @@ def extract_platter_stripes(
     progress: Progress,
 ) -> list[tuple[Path, Floats, float]]:
     """
-    Find the stripe on the bare platter.
+    Extract the stripe on the bare platter.
 
-    returns : for each picture that shows it, its path, (n, 2) pixels and their 1 sigma
-    :raises CalibrationError: none shows it
+    returns : for each picture with a stripe: path, (n, 2) pixels and their 1 sigma in pixels
+    :raises CalibrationError: no picture shows the stripe
     """
     disc = platter_mask(camera, camera_from_base, radius)
 
-    def look(path: Path) -> BoardStripe | None:
+    def extract_stripe(path: Path) -> BoardStripe | None:
         image = read_sized(path, camera.size)
         bare = disc & ~_marker_mask(
             image.shape, {} if not markers else find_markers(markers, image)
         )
         return extract_board_stripe(image, bare, camera, stripe, settings)
 
-    seen = for_each_picture(look, pictures, 'platter', progress)
+    seen = for_each_picture(extract_stripe, pictures, 'platter', progress)
     found = [(path, s.uv, s.sigma) for path, s in zip(pictures, seen, strict=True) if s]
     if not found:
         raise CalibrationError(
             f'{pictures[0].parent}: no picture shows the stripe on the bare platter; '
-            'take some with the laser on and nothing on the platter'
+            'take some with the laser on and an empty platter'
         )
     return found
 
 
 def platter_mask(camera: Camera, camera_from_base: Floats, radius: float) -> Bools:
-    """Return the (height, width) pixels that show the platter within ``radius`` meters."""
+    """Return (height, width) bool: pixels of the platter within ``radius`` meters of the axis."""
     angle = np.linspace(0, 2 * np.pi, 180, endpoint=False)
     rim = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
     uv = camera.project(transforms.apply(camera_from_base, rim))
@@ -146,10 +148,10 @@ def _stripe_heights(
     camera: Camera, laser: LaserPlane, axis: AxisState, uv: Floats, sigma: Floats
 ) -> tuple[PlatterPoints, Bools]:
     """
-    Put stripe points into space.
+    Triangulate stripe points and estimate the 1 sigma of their heights.
 
-    What is uncertain in the laser's plane is the same for all points, so many of them do not make
-    it smaller: each gets the plane's variance times their number, beside its own pixels'.
+    The error of the laser plane is common to all n points and does not average out: each point
+    gets n times the plane's variance, plus the variance of its own pixel.
     """
     rays = camera.rays(uv)
     points = laser.intersect(rays)

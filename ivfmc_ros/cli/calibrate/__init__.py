@@ -10,15 +10,16 @@ from ivfmc_ros.cli.calibrate.noise import noise
 from ivfmc_ros.cli.calibrate.nominal import nominal
 from ivfmc_ros.cli.calibrate.turntable import angles
 from ivfmc_ros.cli.calibrate.turntable import turntable
+from ivfmc_ros.cli.support.suggest import SuggestingGroup
 
 
-@click.group()
+@click.group(cls=SuggestingGroup)
 def calibrate() -> None:
     """
     Calibrate camera, lasers and turntable from pictures.
 
-    In this order: camera, then laser, then turntable. Beside its YAML file each writes a picture
-    of what was found (.png) and a report (.report.json).
+    Run them in this order: camera, laser, turntable. Beside its YAML file each command writes a
+    figure (.png) and a report (.report.json) of the result.
     """
 
 

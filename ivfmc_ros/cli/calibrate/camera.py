@@ -40,13 +40,13 @@ from ivfmc_ros.cli.support.progress import progress_bars
 )
 @click.option('--name', default='camera', show_default=True, help='Name of the camera.')
 @click.option(
-    '--bend/--no-bend', default=True, help='Whether the board may turn out not to be flat.'
+    '--bend/--no-bend', default=True, help='Estimate the bend of a board that is not flat.'
 )
 @click.option(
     '--square-pixels/--no-square-pixels',
     'square',
     default=True,
-    help='Whether fx = fy; if so, a difference is laid to the print of the board.',
+    help='Keep fx = fy; a difference is then attributed to the print of the board.',
 )
 def camera(
     folders: tuple[Path, ...],
@@ -58,32 +58,32 @@ def camera(
     square: bool,
 ) -> None:
     """
-    Calibrate a camera from PICTURES of a board: folders, all taken at one focus.
+    Calibrate a camera from PICTURES of a board: folders of pictures, all taken at one focus.
 
-    Take 20 pictures or more with the board tilted in different directions by 30 degrees and more,
-    at the distances at which parts will be, out to the corners of the image.
+    Take 20 pictures or more, with the board tilted by 30 degrees or more in different directions,
+    at the distances of the parts to scan, up to the corners of the image.
     """
-    options.require_target(output)
-    pictures, place = options.all_pictures(folders), options.where(folders)
+    options.require_writable(output)
+    pictures, place = options.list_all_pictures(folders), options.where(folders)
     with progress_bars() as progress:
         views = find_views(board, pictures, progress=progress)
-    made = calibrate_camera(board, views, model, bend=bend, square=square, where=place)
-    files = options.files_of(output)
-    draw_camera(files[1], made)
-    write_report(files[2], camera_report(made))
-    save_camera(output, replace(made.camera, name=name))
-    options.say('Camera', _rows(made), made.warnings, files, made.dropped)
+    result = calibrate_camera(board, views, model, fit_bend=bend, square=square, where=place)
+    files = options.output_files(output)
+    draw_camera(files[1], result)
+    write_report(files[2], camera_report(result))
+    save_camera(output, replace(result.camera, name=name))
+    options.print_result('Camera', _rows(result), result.warnings, files, result.dropped)
 
 
-def _rows(made: CameraCalibration) -> list[tuple[str, str]]:
-    K, std = made.camera.K, made.std
+def _rows(result: CameraCalibration) -> list[tuple[str, str]]:
+    K, std = result.camera.K, result.std
     return [
-        ('reprojection rms', f'{made.rms:.3f} px'),
-        ('views', f'{len(made.used)} used, {len(made.dropped)} not'),
-        ('worst view', f'{made.view_rms.max():.3f} px'),
+        ('reprojection rms', f'{result.rms:.3f} px'),
+        ('views', f'{len(result.used)} used, {len(result.dropped)} not used'),
+        ('worst view', f'{result.view_rms.max():.3f} px'),
         ('fx, fy', f'{K[0, 0]:.2f} ± {std["fx"]:.2f}, {K[1, 1]:.2f} ± {std["fy"]:.2f} px'),
         ('cx, cy', f'{K[0, 2]:.2f} ± {std["cx"]:.2f}, {K[1, 2]:.2f} ± {std["cy"]:.2f} px'),
-        ('distortion', ', '.join(f'{value:.4f}' for value in made.camera.distortion)),
-        ('coverage of the image', f'{made.coverage:.0%}'),
-        ('board', f'{made.board}, off flat by {options.millimetres(made.bend.sag(made.board))}'),
+        ('distortion', ', '.join(f'{value:.4f}' for value in result.camera.distortion)),
+        ('coverage of the image', f'{result.coverage:.0%}'),
+        ('board', options.board_text(result.board, result.board_shape)),
     ]

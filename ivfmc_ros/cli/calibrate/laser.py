@@ -17,7 +17,7 @@ from ivfmc_ros.calibration.laser.depth import depth_warning
 from ivfmc_ros.calibration.report import board_document
 from ivfmc_ros.calibration.report import laser_report
 from ivfmc_ros.calibration.report import write_report
-from ivfmc_ros.calibration.turntable.platter_view import platter_view
+from ivfmc_ros.calibration.turntable.platter_board import platter_stripe_points
 from ivfmc_ros.cell.camera_file import load_camera
 from ivfmc_ros.cell.cell_file import save_draft
 from ivfmc_ros.cell.laser import Stripe
@@ -41,15 +41,19 @@ from ivfmc_ros.stripe.extract import ExtractSettings
     help='One stripe point in every row (an upright stripe), or in every column.',
 )
 @click.option(
-    '--channel', default='auto', show_default=True, help='Colours that measure, as blue+red.'
+    '--channel', default='auto', show_default=True, help='Color channels to use, as blue+red.'
 )
-@click.option('--bend/--no-bend', default=True, help='Whether the board may not be flat.')
-@click.option('--bow/--no-bow', default=True, help='Whether the sheet may not be plane.')
+@click.option(
+    '--bend/--no-bend', default=True, help='Estimate the bend of a board that is not flat.'
+)
+@click.option(
+    '--bow/--no-bow', default=True, help='Estimate the bow of a laser plane that is not flat.'
+)
 @click.option(
     '--platter',
     type=options.PATH,
-    help='Folder of pictures of the bare platter with the stripe, to refine the sheet where the '
-    'table stands; needs a calibrated turntable in the cell.',
+    help='Folder of pictures of the bare platter with the stripe, which add the plane of the '
+    'platter as a view; needs a calibrated turntable in the cell.',
 )
 @click.option(
     '--platter-radius',
@@ -58,7 +62,7 @@ from ivfmc_ros.stripe.extract import ExtractSettings
     show_default=True,
     help='Radius within which the platter is bare.',
 )
-@click.option('--markers', type=options.MARKERS, help='Markers on the platter, to leave out.')
+@click.option('--markers', type=options.MARKERS, help='Markers on the platter, to be masked.')
 def laser(
     folders: tuple[Path, ...],
     camera_file: Path,
@@ -76,57 +80,57 @@ def laser(
     """
     Calibrate a laser from PICTURES of a board with the stripe on it.
 
-    Take 20 pictures or more, with the board at all distances at which parts will be, and the
-    stripe across white parts of the board. A chessboard with a wide white border is best.
+    Take 20 pictures or more, with the board at all distances of the parts to scan and the stripe
+    across white areas of the board. A chessboard with a wide white border is best.
     """
-    options.require_target(cell_file)
-    camera, draft = load_camera(camera_file), options.draft_of(cell_file)
+    options.require_writable(cell_file)
+    camera, draft = load_camera(camera_file), options.load_or_new_draft(cell_file)
     extract = ExtractSettings(channel=channel)
-    settings = LaserSettings(name=name, stripe=stripe, bend=bend, bow=bow, extract=extract)
-    pictures, place = options.all_pictures(folders), options.where(folders)
+    settings = LaserSettings(name=name, stripe=stripe, fit_bend=bend, fit_bow=bow, extract=extract)
+    pictures, place = options.list_all_pictures(folders), options.where(folders)
     if platter is not None and draft.turntable is None:
-        raise CellError(f"{cell_file}: turntable: is missing; run 'ivfmc calibrate turntable'")
+        raise CellError(f"{cell_file}: turntable: missing; run 'ivfmc calibrate turntable' first")
     with progress_bars() as progress:
-        views = find_views(board, pictures, camera.size, progress, lit=True)
+        views = find_views(board, pictures, camera.size, progress, with_stripe=True)
         extra = []
         if platter is not None and draft.turntable is not None:
-            bare = options.all_pictures([platter])
-            seen = platter_view(
+            bare = options.list_all_pictures([platter])
+            stripe_points = platter_stripe_points(
                 camera, draft.turntable, platter_radius, bare, stripe, markers, progress
             )
-            extra.append(seen)
-        made = calibrate_laser(
+            extra.append(stripe_points)
+        result = calibrate_laser(
             camera, board, views, settings, extra=extra, where=place, progress=progress
         )
-    warnings = list(made.warnings)
+    warnings = list(result.warnings)
     if draft.turntable is not None:
-        warnings += depth_warning(made.laser, draft.turntable)
-    files = options.files_of(cell_file, name)
-    draw_laser(files[1], made)
-    write_report(files[2], {**laser_report(made), 'warnings': warnings})
-    noted = {**board_document(board, made.bend), 'scale': f'the squares of {board}'}
-    save_draft(cell_file, draft.with_laser(made.laser).with_notes(board=noted))
-    options.say(f'Laser {name}', _rows(made), warnings, files, made.dropped)
+        warnings += depth_warning(result.laser, draft.turntable)
+    files = options.output_files(cell_file, name)
+    draw_laser(files[1], result)
+    write_report(files[2], {**laser_report(result), 'warnings': warnings})
+    board_note = {**board_document(board, result.board_shape), 'scale': f'the squares of {board}'}
+    save_draft(cell_file, draft.with_laser(result.laser).with_notes(board=board_note))
+    options.print_result(f'Laser {name}', _rows(result), warnings, files, result.dropped)
 
 
-def _rows(made: LaserCalibration) -> list[tuple[str, str]]:
-    laser = made.laser
+def _rows(result: LaserCalibration) -> list[tuple[str, str]]:
+    laser = result.laser
     plane = ', '.join(f'{value:.6f}' for value in (*laser.normal, laser.offset))
     return [
-        ('residual rms', options.millimetres(laser.residual_rms)),
-        ('views', f'{len(made.used)} used, {len(made.dropped)} not'),
-        ('stripe points kept', f'{made.kept_share:.1%}'),
+        ('residual rms', options.millimeters(laser.residual_rms)),
+        ('views', f'{len(result.used)} used, {len(result.dropped)} not used'),
+        ('inlier stripe points', f'{result.inlier_fraction:.1%}'),
         ('plane nx, ny, nz, d', plane),
-        ('plane, 1 sigma at its worst point', options.millimetres(made.plane_error)),
-        ('bow', f'{options.millimetres(made.bow_height)}{"" if laser.bow else ", not stored"}'),
-        ('thickness of the sheet, 1 sigma', options.millimetres(laser.thickness)),
-        ('distance from the camera', _depths(made)),
-        ('board', f'{made.board}, off flat by {options.millimetres(made.bend.sag(made.board))}'),
-        ('scale', f'the squares of {made.board}'),
+        ('plane, 1 sigma at its least certain point', options.millimeters(result.plane_std)),
+        ('bow', f'{options.millimeters(result.bow_height)}{"" if laser.bow else ", not stored"}'),
+        ('thickness of the light sheet, 1 sigma', options.millimeters(laser.thickness)),
+        ('distance from the camera', _depths(result)),
+        ('board', options.board_text(result.board, result.board_shape)),
+        ('scale', f'the squares of {result.board}'),
     ]
 
 
-def _depths(made: LaserCalibration) -> str:
-    if made.laser.volume is None:
+def _depths(result: LaserCalibration) -> str:
+    if result.laser.volume is None:
         return 'unknown'
-    return f'{made.laser.volume[0, 2]:.3f} to {made.laser.volume[1, 2]:.3f} m'
+    return f'{result.laser.volume[0, 2]:.3f} to {result.laser.volume[1, 2]:.3f} m'

@@ -23,10 +23,10 @@ from ivfmc_ros.stripe.noise_estimate import NoiseEstimate
 from ivfmc_ros.stripe.noise_file import save_noise
 
 _PATH = click.Path(path_type=Path)
-# So many pictures, spread over all, tell the noise.
-_PICTURES = 24
-# A stripe that differs from a bell by more than this share of its height is worth a warning.
-_SHAPE = 0.03
+# Pictures used, spread evenly over those given.
+_MAX_PICTURES = 24
+# Warn if the stripe deviates from a Gaussian by more than this fraction of its height.
+_MAX_SHAPE_ERROR = 0.03
 
 
 @click.command()
@@ -47,29 +47,30 @@ _SHAPE = 0.03
     help='One stripe point in every row (an upright stripe), or in every column.',
 )
 @click.option(
-    '--channel', default='auto', show_default=True, help='Colours that measure, as blue+red.'
+    '--channel', default='auto', show_default=True, help='Color channels to use, as blue+red.'
 )
 def noise(pictures: tuple[Path, ...], output: Path, stripe: Stripe, channel: str) -> None:
     """
     Estimate the noise of a camera from PICTURES of the stripe: folders or files.
 
-    Any pictures of a scan will do; best are ten of a matt part that turns, so that its speckle
-    is another in each. Weights and the claimed error of every point come from this noise.
+    Pictures of any scan can be used; best are ten of a matt part at different table angles, so
+    that each has another speckle pattern. The weight and the stated standard deviation of every
+    point are computed from this noise.
     """
     settings = ExtractSettings(channel=channel)
-    images = [_upright(read_picture(path), stripe) for path in _spread(pictures)]
-    colour = channel if channel != 'auto' else channels.unclipped_channel(images)
-    greys = [channels.to_grey(image, colour) for image in images]
-    made = estimate_noise(greys, settings)
-    save_noise(output, made.noise)
-    _say(made, len(images), output)
+    images = [_upright(read_picture(path), stripe) for path in _sample_paths(pictures)]
+    color = channel if channel != 'auto' else channels.unclipped_channel(images)
+    greys = [channels.to_gray(image, color) for image in images]
+    result = estimate_noise(greys, settings)
+    save_noise(output, result.noise)
+    _print_estimate(result, len(images), output)
 
 
-def _spread(places: Sequence[Path]) -> list[Path]:
+def _sample_paths(places: Sequence[Path]) -> list[Path]:
     paths = [
         path for place in places for path in (list_pictures(place) if place.is_dir() else [place])
     ]
-    chosen = np.unique(np.linspace(0, len(paths) - 1, _PICTURES).astype(int))
+    chosen = np.unique(np.linspace(0, len(paths) - 1, _MAX_PICTURES).astype(int))
     return [paths[index] for index in chosen]
 
 
@@ -77,22 +78,22 @@ def _upright(image: Image, stripe: Stripe) -> Image:
     return cast(Image, cv2.transpose(image)) if stripe == 'columns' else image
 
 
-def _say(made: NoiseEstimate, pictures: int, output: Path) -> None:
-    model = made.noise
+def _print_estimate(result: NoiseEstimate, pictures: int, output: Path) -> None:
+    model = result.noise
     console = Console(markup=False)
     shot = f'{model.electrons_per_dn:.1f}' if math.isfinite(model.electrons_per_dn) else 'no limit'
     for name, text in (
-        ('read noise', f'{model.read:.2f} DN (read^2 +- {made.read_error:.2g})'),
-        ('electrons per DN', f'{shot} (inverse +- {made.shot_error:.2g})'),
-        ('speckle contrast', f'{model.speckle:.3f} (square +- {made.speckle_error:.2g})'),
-        ('pixels', f'{made.pixels} in {pictures} pictures'),
+        ('read noise', f'{model.read:.2f} DN (read^2 +- {result.read_error:.2g})'),
+        ('electrons per DN', f'{shot} (inverse +- {result.shot_error:.2g})'),
+        ('speckle contrast', f'{model.speckle:.3f} (square +- {result.speckle_error:.2g})'),
+        ('pixels', f'{result.pixels} in {pictures} pictures'),
     ):
         console.print(f'{name:18s} {text}', highlight=False)
-    if made.shape > _SHAPE:
+    if result.shape > _MAX_SHAPE_ERROR:
         console.print(
-            f'warning: the stripe is no bell (it differs by {made.shape:.1%} of its height): '
-            'it saturates, or the camera sharpens or bends grey values; the speckle found '
-            'contains some of that',
+            f'warning: the stripe is not Gaussian (it deviates by {result.shape:.1%} of its '
+            'height): it saturates, or the camera sharpens the picture or is not linear; the '
+            'estimated speckle contrast is too large',
             highlight=False,
         )
     console.print(str(output), soft_wrap=True, highlight=False)

@@ -43,7 +43,7 @@ from ivfmc_ros.errors import ParameterError
     'lasers',
     multiple=True,
     metavar='NAME:DEGREES',
-    help='Laser whose upright sheet holds the axis, at so many degrees from the camera about '
+    help='Laser whose plane contains the axis, and its azimuth in degrees from the camera about '
     'the axis, counter-clockwise from above. Can be repeated.',
 )
 @click.option('--above', type=options.LENGTH, help="The paper's H: camera above the laser.")
@@ -52,7 +52,7 @@ from ivfmc_ros.errors import ParameterError
 @click.option(
     '--hits',
     type=options.LENGTH,
-    help='Height at which the sheet meets the axis (default: level).',
+    help='Height at which the laser plane meets the axis (default: horizontal).',
 )
 def nominal(
     camera_file: Path,
@@ -67,15 +67,15 @@ def nominal(
     hits: float | None,
 ) -> None:
     """
-    Write a first cell.yaml from measured lengths; lengths with their unit, as 400mm.
+    Write a nominal cell.yaml from measured lengths; lengths with their unit, as 400mm.
 
-    Either a camera and upright lasers about the axis (--elevation, --aim, --laser), or the paper's
-    arrangement, camera above a laser whose sheet lies across the view (--above, --tilt,
-    --laser-height, --hits).
+    Either a camera and lasers whose planes contain the axis (--elevation, --aim, --laser), or the
+    paper's arrangement: the camera above a laser whose stripe lies along the rows of the picture
+    (--above, --tilt, --laser-height, --hits).
     """
-    options.require_target(output)
+    options.require_writable(output)
     if output.exists():
-        raise FileError(f'{output}: exists already; name another file or move it away')
+        raise FileError(f'{output}: the file exists; name another file or move it away')
     camera = load_camera(camera_file)
     cell: Cell
     if above is not None:
@@ -86,7 +86,7 @@ def nominal(
             height=above,
             tilt=math.radians(tilt),
             laser_height=laser_height or 0.0,
-            hits=hits,
+            axis_height=hits,
         )
         cell = paper_cell(camera, geometry)
     else:
@@ -95,7 +95,7 @@ def nominal(
         parsed = [_laser(text) for text in lasers]
         cell = axial_cell(camera, distance, math.radians(elevation), aim or 0.0, parsed)
     save_cell(output, cell)
-    text = f'written: {output}; a start only, lengths are as good as they were measured'
+    text = f'written: {output}; nominal, only as accurate as the measured lengths'
     Console(markup=False).print(text, soft_wrap=True, highlight=False)
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the calibrate commands have in common: options, tables, files beside the YAML."""
+"""Options, console output and output files common to the calibrate commands."""
 
 from collections.abc import Callable
 from collections.abc import Iterable
@@ -18,26 +18,27 @@ from rich.text import Text
 from ivfmc_ros.calibration.boards.board import Board
 from ivfmc_ros.calibration.boards.board import parse_board
 from ivfmc_ros.calibration.boards.board import parse_length
+from ivfmc_ros.calibration.boards.board_shape import BoardShape
 from ivfmc_ros.calibration.boards.markers import Markers
 from ivfmc_ros.calibration.boards.markers import parse_markers
-from ivfmc_ros.calibration.report import reasons
+from ivfmc_ros.calibration.report import pictures_by_reason
 from ivfmc_ros.cell.cell_file import CellDraft
 from ivfmc_ros.cell.cell_file import load_draft
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.pictures import list_pictures
 
-# click 8.3 made it generic, 8.1 cannot be subscripted
+# generic since click 8.3; click 8.1 cannot be subscripted
 if TYPE_CHECKING:
     _ParamType = click.ParamType[Any]
 else:
     _ParamType = click.ParamType
 
 PATH = click.Path(path_type=Path)
-_LISTED = 4
+_MAX_NAMES = 4  # of pictures, printed per reason
 
 
-class _Text(_ParamType):
-    """A parameter that ``parse`` reads; what it raises is a ParameterError."""
+class _ParsedType(_ParamType):
+    """A click type whose text is parsed by ``parse``, which raises a ParameterError."""
 
     def __init__(self, name: str, parse: Callable[[str], Any]) -> None:
         self.name = name
@@ -47,9 +48,9 @@ class _Text(_ParamType):
         return self._parse(value) if isinstance(value, str) else value
 
 
-BOARD = _Text('board', parse_board)
-MARKERS = _Text('markers', parse_markers)
-LENGTH = _Text('length', lambda text: parse_length(text, 'length'))
+BOARD = _ParsedType('board', parse_board)
+MARKERS = _ParsedType('markers', parse_markers)
+LENGTH = _ParsedType('length', lambda text: parse_length(text, 'length'))
 
 camera_option = click.option(
     '--camera', 'camera_file', required=True, type=PATH, help='camera.yaml of the camera.'
@@ -70,83 +71,96 @@ pictures_argument = click.argument(
 )
 
 
-def all_pictures(folders: Sequence[Path]) -> list[Path]:
+def list_all_pictures(folders: Sequence[Path]) -> list[Path]:
     """
     Return the pictures of all folders.
 
-    :raises FileError: one of them has none
+    :raises FileError: a folder cannot be read or has no picture
     """
     return [path for folder in folders for path in list_pictures(folder)]
 
 
 def where(folders: Sequence[Path]) -> str:
-    """Return how messages name the folders."""
+    """Return the names of the folders, for messages."""
     return ', '.join(map(str, folders))
 
 
-def require_target(path: Path) -> None:
-    """:raises FileError: nothing can be written there; found out before the work is done."""
+def require_writable(path: Path) -> None:
+    """
+    Check, before the calibration runs, that a YAML file can be written there.
+
+    :raises FileError: the folder does not exist, or the name does not end with .yaml or .yml
+    """
     if not path.parent.is_dir():
         raise FileError(f'{path}: the folder {path.parent} does not exist; make it first')
     if path.suffix not in ('.yaml', '.yml'):
-        raise FileError(f'{path}: name a .yaml file')
+        raise FileError(f'{path}: the name must end with .yaml or .yml')
 
 
-def draft_of(path: Path) -> CellDraft:
+def load_or_new_draft(path: Path) -> CellDraft:
     """
-    Return what ``cell.yaml`` holds so far; nothing if there is none.
+    Return the contents of a ``cell.yaml``; an empty draft if the file does not exist.
 
-    :raises CellError: it cannot be read
+    :raises CellError: the file cannot be read
     """
     return load_draft(path) if path.exists() else CellDraft()
 
 
-def one_target(board: Board | None, markers: Markers | None) -> Board | Markers:
-    """Return what lies on the platter: one of the two must be given."""
+def require_one_target(board: Board | None, markers: Markers | None) -> Board | Markers:
+    """
+    Return the target on the platter.
+
+    :raises UsageError: neither or both of --board and --markers are given
+    """
     target = board or markers
     if target is None or (board and markers):
         raise click.UsageError('Give either --board or --markers.')
     return target
 
 
-def say(
+def print_result(
     title: str,
     rows: Iterable[tuple[str, str]],
     warnings: Sequence[str],
     files: Sequence[Path],
     dropped: Mapping[str, str],
 ) -> None:
-    """Print a table of results, what to mind, and where the files are."""
-    # names of files may look like markup
+    """Print a table of results, the pictures not used, warnings, and the files written."""
+    # file names may look like markup
     console = Console(markup=False)
     table = Table(title=title, show_header=False, title_justify='left')
     for name, value in rows:
         table.add_row(name, value)
     console.print(table)
-    for reason, names in reasons(dropped).items():
-        more = f' and {len(names) - _LISTED} more' if len(names) > _LISTED else ''
-        text = f'not used, {reason}: {", ".join(names[:_LISTED])}{more}'
+    for reason, names in pictures_by_reason(dropped).items():
+        more = f' and {len(names) - _MAX_NAMES} more' if len(names) > _MAX_NAMES else ''
+        text = f'not used, {reason}: {", ".join(names[:_MAX_NAMES])}{more}'
         console.print(text, soft_wrap=True, highlight=False)
     for warning in warnings:
-        console.print(warned(warning), soft_wrap=True, highlight=False)
+        console.print(warning_line(warning), soft_wrap=True, highlight=False)
     console.print(f'written: {", ".join(map(str, files))}', soft_wrap=True, highlight=False)
 
 
-def warned(text: str) -> Text:
-    """Return a line that warns."""
+def warning_line(text: str) -> Text:
+    """Return a line that begins with a yellow 'warning:'."""
     return Text.assemble(('warning:', 'yellow'), f' {text}')
 
 
-def files_of(path: Path, part: str = '') -> tuple[Path, Path, Path]:
+def output_files(path: Path, part: str = '') -> tuple[Path, Path, Path]:
     """
-    Return the files of a calibration: itself, picture, and the name that gives the report's.
+    Return the files of a calibration: YAML, figure, report.
 
-    part : of a cell, whose parts have pictures and reports of their own
+    part : of a cell (a laser, the turntable), which has its own figure and report
     """
     named = path.with_stem(f'{path.stem}.{part}') if part else path
     return path, named.with_suffix('.png'), named.with_suffix('.report.json')
 
 
-def millimetres(length: float) -> str:
-    """Return a length in metres as text."""
+def millimeters(length: float) -> str:
+    """Return a length in meters as text in millimeters."""
     return f'{length * 1e3:.3f} mm'
+
+
+def board_text(board: Board, shape: BoardShape) -> str:
+    """Return a board and its measured deviation from a plane as text."""
+    return f'{board}, off flat by {millimeters(shape.sag(board))}'

@@ -15,19 +15,19 @@ from ivfmc_ros.calibration.boards.board import Board
 from ivfmc_ros.calibration.boards.markers import Markers
 from ivfmc_ros.calibration.figure import draw_turntable
 from ivfmc_ros.calibration.laser.depth import depth_warning
-from ivfmc_ros.calibration.report import SCALES
+from ivfmc_ros.calibration.report import SCALE_SOURCES
 from ivfmc_ros.calibration.report import turntable_report
 from ivfmc_ros.calibration.report import write_report
-from ivfmc_ros.calibration.turntable.angles import Angles
-from ivfmc_ros.calibration.turntable.angles import angles_of
+from ivfmc_ros.calibration.turntable.angles import collect_angles
 from ivfmc_ros.calibration.turntable.angles import fill_gaps
-from ivfmc_ros.calibration.turntable.axis_adjust import Adjusted
+from ivfmc_ros.calibration.turntable.angles import PictureAngles
+from ivfmc_ros.calibration.turntable.axis_adjustment import AxisAdjustment
 from ivfmc_ros.calibration.turntable.calibrate import calibrate_turntable
-from ivfmc_ros.calibration.turntable.calibrate import first_axis
+from ivfmc_ros.calibration.turntable.calibrate import estimate_axis
 from ivfmc_ros.calibration.turntable.calibrate import measure_angles
 from ivfmc_ros.calibration.turntable.calibrate import TurntableCalibration
-from ivfmc_ros.calibration.turntable.platter import find_platter_stripes
-from ivfmc_ros.calibration.turntable.sightings import see_platter
+from ivfmc_ros.calibration.turntable.observations import detect_targets
+from ivfmc_ros.calibration.turntable.platter_stripes import find_platter_stripes
 from ivfmc_ros.cell.camera_file import load_camera
 from ivfmc_ros.cell.cell_file import CellDraft
 from ivfmc_ros.cell.cell_file import load_draft
@@ -57,14 +57,16 @@ _markers_option = click.option(
 @click.option(
     '--stripe-pictures',
     type=options.PATH,
-    help='Folder of pictures with the stripe on the bare platter (may be PICTURES): gives the '
-    'platter, and the scale that the laser was calibrated with.',
+    help='Folder of pictures with the stripe on the bare platter (may be PICTURES): determines '
+    'the height of the platter, and the scale from the calibration of the laser.',
 )
-@click.option('--laser', 'laser_name', help='Laser of those pictures, if the cell has several.')
+@click.option(
+    '--laser', 'laser_name', help='Laser of the stripe pictures, if the cell has several.'
+)
 @click.option(
     '--platter-radius',
     type=options.LENGTH,
-    help='Radius of the platter on which the stripe is looked for (default: to the corners).',
+    help='Radius of the platter within which the stripe is used (default: to the corners).',
 )
 @click.option(
     '--thickness', type=options.LENGTH, help='Of the board on the platter (default: none).'
@@ -85,31 +87,31 @@ def turntable(
 
     Take 12 pictures or more all around the turn. A ChArUco board is best.
     """
-    options.require_target(cell_file)
-    target = options.one_target(board, markers)
-    camera, draft = load_camera(camera_file), options.draft_of(cell_file)
+    options.require_writable(cell_file)
+    target = options.require_one_target(board, markers)
+    camera, draft = load_camera(camera_file), options.load_or_new_draft(cell_file)
     laser = None if stripe_pictures is None else _laser(cell_file, draft, laser_name)
-    pictures, place = options.all_pictures(folders), options.where(folders)
+    pictures, place = options.list_all_pictures(folders), options.where(folders)
     with progress_bars() as progress:
-        views = see_platter(camera, target, pictures, progress)
-        first, _ = first_axis(camera, views, place)
+        views = detect_targets(camera, target, pictures, progress)
+        first, _ = estimate_axis(camera, views, place)
         stripes = None
         if stripe_pictures is not None and laser is not None:
-            bare = options.all_pictures([stripe_pictures])
-            radius = platter_radius or first.axis.radius(views.sightings)
+            bare = options.list_all_pictures([stripe_pictures])
+            radius = platter_radius or first.axis.radius(views.observations)
             stripes = find_platter_stripes(
                 camera, laser, first.axis, radius, bare, target, progress=progress
             )
-    made = calibrate_turntable(
+    result = calibrate_turntable(
         camera, views, first, stripes, thickness=thickness or 0.0, where=place
     )
-    warnings = [text for known in draft.lasers for text in depth_warning(known, made.turntable)]
-    files = options.files_of(cell_file, 'turntable')
-    draw_turntable(files[1], made, camera)
-    write_report(files[2], turntable_report(made, warnings))
-    save_draft(cell_file, _noted(draft.with_turntable(made.turntable), made))
-    dropped = {p.name: f'{target} not seen' for p in views.without}
-    options.say('Turntable', _rows(made), warnings, files, dropped)
+    warnings = [text for known in draft.lasers for text in depth_warning(known, result.turntable)]
+    files = options.output_files(cell_file, 'turntable')
+    draw_turntable(files[1], result, camera)
+    write_report(files[2], turntable_report(result, warnings))
+    save_draft(cell_file, _with_scale_note(draft.with_turntable(result.turntable), result))
+    dropped = {p.name: f'{target} not detected' for p in views.missed}
+    options.print_result('Turntable', _rows(result), warnings, files, dropped)
 
 
 @click.command()
@@ -130,7 +132,7 @@ def turntable(
     '--fill-gaps/--no-fill-gaps',
     'fill',
     default=False,
-    help='Interpolate pictures without markers between their neighbours (default: no).',
+    help='Interpolate pictures without markers between their neighbors (default: no).',
 )
 def angles(
     folder: Path,
@@ -141,22 +143,22 @@ def angles(
     output: Path,
     fill: bool,
 ) -> None:
-    """Measure the true table angle of each of the PICTURES of a scan by markers or board."""
-    options.require_target(output)
-    target = options.one_target(board, markers)
+    """Measure the table angle of each of the PICTURES of a scan by a board or markers."""
+    options.require_writable(output)
+    target = options.require_one_target(board, markers)
     camera, draft = load_camera(camera_file), load_draft(cell_file)
     if draft.turntable is None:
-        raise CellError(f"{cell_file}: turntable: is missing; run 'ivfmc calibrate turntable'")
-    pictures = options.all_pictures([folder])
+        raise CellError(f"{cell_file}: turntable: missing; run 'ivfmc calibrate turntable' first")
+    pictures = options.list_all_pictures([folder])
     order = [path.name for path in pictures]
     with progress_bars() as progress:
-        views = see_platter(camera, target, pictures, progress)
+        views = detect_targets(camera, target, pictures, progress)
     adjusted = measure_angles(camera, draft.turntable, views, str(folder))
-    measured = angles_of(views, adjusted, order)
+    measured = collect_angles(views, adjusted, order)
     if fill:
         measured = fill_gaps(measured, order)
     save_angles(output, measured.by_name)
-    _say_angles(measured, adjusted, output)
+    _print_angles(measured, adjusted, output)
 
 
 def _laser(cell_file: Path, draft: CellDraft, name: str | None) -> LaserPlane:
@@ -166,38 +168,38 @@ def _laser(cell_file: Path, draft: CellDraft, name: str | None) -> LaserPlane:
     if name is None and len(known) == 1:
         return draft.lasers[0]
     if name not in known:
-        raise CellError(f'{cell_file}: lasers: name one by --laser: {", ".join(known)}')
+        raise CellError(f'{cell_file}: lasers: choose one by --laser: {", ".join(known)}')
     return known[name]
 
 
-def _noted(draft: CellDraft, made: TurntableCalibration) -> CellDraft:
+def _with_scale_note(draft: CellDraft, result: TurntableCalibration) -> CellDraft:
     board = draft.notes.get('board')
-    noted = dict(board) if isinstance(board, dict) else {}
-    noted['turntable_scale'] = SCALES[made.scale_source].format(target=made.views.target)
-    return draft.with_notes(board=noted)
+    note = dict(board) if isinstance(board, dict) else {}
+    note['turntable_scale'] = SCALE_SOURCES[result.scale_source].format(target=result.views.target)
+    return draft.with_notes(board=note)
 
 
-def _rows(made: TurntableCalibration) -> list[tuple[str, str]]:
-    std = np.sqrt(np.diag(made.adjusted.covariance))
-    steps = np.degrees(np.diff(list(made.angles.values())))
-    sense = 'counter-clockwise' if made.turns_positive else 'clockwise'
+def _rows(result: TurntableCalibration) -> list[tuple[str, str]]:
+    std = np.sqrt(np.diag(result.adjusted.covariance))
+    steps = np.degrees(np.diff(list(result.angles.values())))
+    sense = 'counter-clockwise' if result.turns_positive else 'clockwise'
     rows = [
-        ('corners, robust', f'{made.adjusted.sigma:.3f} px'),
-        ('corners rms', options.millimetres(made.turntable.residual_rms)),
-        ('pictures', f'{len(made.views.pictures)} used, {len(made.views.without)} not'),
+        ('corners, robust sigma', f'{result.adjusted.sigma:.3f} px'),
+        ('corners rms', options.millimeters(result.turntable.residual_rms)),
+        ('pictures', f'{len(result.views.pictures)} used, {len(result.views.missed)} not used'),
         ('axis direction, 1 sigma', f'{np.degrees(std[:2].max()):.4f} degrees'),
-        ('axis place, 1 sigma', options.millimetres(float(std[2:4].max()))),
-        ('platter to axis, off square', f'{np.degrees(made.wobble):.3f} degrees'),
+        ('axis position, 1 sigma', options.millimeters(float(std[2:4].max()))),
+        ('platter normal to axis', f'{np.degrees(result.wobble):.3f} degrees'),
         ('turns', f'{sense}, by {np.median(steps):.4f} degrees a picture (median)'),
-        ('scale', SCALES[made.scale_source].format(target=made.views.target)),
-        ('measured / nominal length', f'{made.scale:.4f}'),
+        ('scale', SCALE_SOURCES[result.scale_source].format(target=result.views.target)),
+        ('measured / nominal length', f'{result.scale:.4f}'),
     ]
-    if made.platter_rms is not None:
-        rows.insert(2, ('stripe on the platter, rms', options.millimetres(made.platter_rms)))
+    if result.platter_rms is not None:
+        rows.insert(2, ('stripe on the platter, rms', options.millimeters(result.platter_rms)))
     return rows
 
 
-def _say_angles(measured: Angles, adjusted: Adjusted, output: Path) -> None:
+def _print_angles(measured: PictureAngles, adjusted: AxisAdjustment, output: Path) -> None:
     steps = np.degrees(measured.steps)
     console = Console(markup=False)
     lines: list[str | Text] = [
@@ -212,7 +214,7 @@ def _say_angles(measured: Angles, adjusted: Adjusted, output: Path) -> None:
     if measured.filled:
         lines.append(f'interpolated: {_listed(measured.filled)}')
     if measured.missing:
-        lines.append(options.warned(f'without an angle: {_listed(measured.missing)}'))
+        lines.append(options.warning_line(f'without an angle: {_listed(measured.missing)}'))
     lines.append(f'written: {output}')
     for line in lines:
         console.print(line, soft_wrap=True, highlight=False)

@@ -1,3 +1,3 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""boards."""
+"""Rendered pictures of calibration boards, held in the hand or lying on the platter."""

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of calibration boards, in the hand and on the platter, with or without the stripe."""
+"""Rendered pictures of a calibration board, free or on the platter, with or without the stripe."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.model import Floats
-from ivfmc_ros.simulation.boards import printed
+from ivfmc_ros.simulation.boards import plane_renderer
 from ivfmc_ros.simulation.boards.textures import board_texture
 from ivfmc_ros.simulation.boards.textures import Texture
 from ivfmc_ros.simulation.parts.loading import Platter
@@ -21,27 +21,27 @@ from ivfmc_ros.simulation.render.optics import axis_depth
 from ivfmc_ros.simulation.render.optics import expose
 from ivfmc_ros.simulation.render.optics import Optics
 from ivfmc_ros.simulation.render.optics import sheet_sigma
+from ivfmc_ros.simulation.render.sources import default_source
 from ivfmc_ros.simulation.render.sources import LaserSource
-from ivfmc_ros.simulation.render.sources import usual_source
 
-# DN of a white board: bright alone, dim beside a stripe that must not saturate on it.
+# Gray value (DN) of white paper: without the stripe, and with a stripe that must not saturate.
 PLAIN_LEVEL = 150.0
 STRIPE_LEVEL = 40.0
 
-_TEXELS_PER_PIXEL = 2.0
-_MARGIN = 0.5  # of white paper around the print, in squares
+_TEXELS_PER_PIXEL = 2.0  # at the depth of the axis
+_MARGIN = 0.5  # squares of white paper around the print
 
-# A board's z points into the print, so that on the platter it points down.
+# The z axis of a board points into the print: on the platter it points down.
 _FACE_UP = transforms.rigid(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Room:
+class Surroundings:
     """
-    What is around a board.
+    Illumination and surroundings of a board.
 
-    level : DN of white in the room's light; None: bright without, dim with the stripe
-    source : where the laser stands; None: ``usual_source``
+    level : gray value (DN) of white paper in ambient light; None: PLAIN_LEVEL or STRIPE_LEVEL
+    source : position of the laser; None: ``default_source``
     platter : the disc under a board on the table, or None
     """
 
@@ -58,26 +58,27 @@ def render_board(
     *,
     optics: Optics | None = None,
     rng: np.random.Generator | None = None,
-    room: Room | None = None,
+    surroundings: Surroundings | None = None,
 ) -> NDArray[np.uint8]:
     """
-    Return a picture of a board in the dark.
+    Return a picture of a board in front of a dark background.
 
-    camera_from_board : (4, 4) rigid; the print is on the side from which z points away
-    laser : index of the laser whose stripe falls on the board, or None
+    camera_from_board : (4, 4) rigid, meters; z points away from the printed side
+    laser : index in the cell of the laser that is on, or None
+    rng : of the noise; None: seed 0
     returns : (height, width) uint8
 
     :raises GeometryError: the camera is behind the board
     """
-    optics, room = optics or Optics(), room or Room()
+    optics, surroundings = optics or Optics(), surroundings or Surroundings()
     texture = board_texture(board, _texel(cell), _MARGIN * board.square)
-    light = printed.lay(
-        printed.dark(cell.camera, optics.ambient),
+    light = plane_renderer.composite(
+        plane_renderer.ambient_light(cell.camera, optics.ambient),
         cell.camera,
         texture,
         camera_from_board,
-        level=_level(room, laser),
-        beam=_beam(cell, laser, optics, room),
+        level=_level(surroundings, laser),
+        beam=_light_beam(cell, laser, optics, surroundings),
     )
     return expose(light.steady, light.laser, optics, rng or np.random.default_rng(0))
 
@@ -91,42 +92,45 @@ def render_platter_board(
     thickness: float = 0.0,
     optics: Optics | None = None,
     rng: np.random.Generator | None = None,
-    room: Room | None = None,
+    surroundings: Surroundings | None = None,
 ) -> NDArray[np.uint8]:
     """
-    Return a picture of a board that lies on the platter, its middle on the axis.
+    Return a picture of a board that lies on the platter, centered on the axis.
 
     angle : table position, radians
-    thickness : metres, of the board; what it hides or shades of the platter is not drawn
+    thickness : meters, of the board; its sides and its shadow are not drawn
     others : as ``render_board``
+    returns : (height, width) uint8
     """
-    optics, room = optics or Optics(), room or Room()
+    optics, surroundings = optics or Optics(), surroundings or Surroundings()
     pose = platter_board_pose(cell, board, angle, thickness)
     layers = [(board_texture(board, _texel(cell), _MARGIN * board.square), pose)]
-    if room.platter is not None:
+    if surroundings.platter is not None:
         disc = cell.turntable.camera_from_base @ _FACE_UP
-        layers.insert(0, (_disc_texture(room.platter), disc))
-    light = printed.dark(cell.camera, optics.ambient)
-    beam, level = _beam(cell, laser, optics, room), _level(room, laser)
+        layers.insert(0, (_disc_texture(surroundings.platter), disc))
+    light = plane_renderer.ambient_light(cell.camera, optics.ambient)
+    beam, level = _light_beam(cell, laser, optics, surroundings), _level(surroundings, laser)
     for texture, layer_pose in layers:
-        light = printed.lay(light, cell.camera, texture, layer_pose, level=level, beam=beam)
+        light = plane_renderer.composite(
+            light, cell.camera, texture, layer_pose, level=level, beam=beam
+        )
     return expose(light.steady, light.laser, optics, rng or np.random.default_rng(0))
 
 
 def platter_board_pose(cell: Cell, board: Board, angle: float, thickness: float = 0.0) -> Floats:
     """Return the (4, 4) camera_from_board of a board on the platter at a table angle."""
     turn = transforms.rigid(transforms.rotation_z(angle), (0.0, 0.0, thickness))
-    centred = transforms.rigid(np.eye(3), -board.corners_xyz.mean(axis=0))
-    return np.asarray(cell.turntable.camera_from_base @ turn @ _FACE_UP @ centred)
+    centered = transforms.rigid(np.eye(3), -board.corners_xyz.mean(axis=0))
+    return np.asarray(cell.turntable.camera_from_base @ turn @ _FACE_UP @ centered)
 
 
 def scatter_poses(
     cell: Cell, board: Board, count: int, rng: np.random.Generator, tilt: float = 0.6
 ) -> list[Floats]:
     """
-    Return ``count`` poses in which the whole board is seen, all over picture and volume.
+    Return ``count`` random poses with the whole board in view, over picture and volume.
 
-    tilt : radians, the most that the board is turned from facing the camera
+    tilt : radians, greatest angle of the board from facing the camera
     returns : (4, 4) camera_from_board each
 
     :raises GeometryError: the board does not fit into the picture
@@ -134,7 +138,7 @@ def scatter_poses(
     poses: list[Floats] = []
     for _ in range(200 * count):
         pose = _random_pose(cell, board, rng, tilt)
-        if _whole(cell, board, pose):
+        if _is_fully_visible(cell, board, pose):
             poses.append(pose)
         if len(poses) == count:
             return poses
@@ -152,7 +156,7 @@ def _random_pose(cell: Cell, board: Board, rng: np.random.Generator, tilt: float
     return transforms.rigid(turn, place - turn @ middle)
 
 
-def _whole(cell: Cell, board: Board, pose: Floats) -> bool:
+def _is_fully_visible(cell: Cell, board: Board, pose: Floats) -> bool:
     outline = np.zeros((4, 3))
     outline[:, :2] = board_texture(board, board.square / 8, _MARGIN * board.square).outline_xy
     points = transforms.apply(pose, outline)
@@ -162,26 +166,28 @@ def _whole(cell: Cell, board: Board, pose: Floats) -> bool:
     return bool((uv > 0).all() and (uv < np.array(cell.camera.size) - 1).all())
 
 
-def _beam(cell: Cell, laser: int | None, optics: Optics, room: Room) -> printed.Beam | None:
+def _light_beam(
+    cell: Cell, laser: int | None, optics: Optics, surroundings: Surroundings
+) -> plane_renderer.LightBeam | None:
     if laser is None:
         return None
     plane = cell.lasers[laser]
-    return printed.Beam(
+    return plane_renderer.LightBeam(
         plane=plane,
-        source=room.source or usual_source(cell, plane),
+        source=surroundings.source or default_source(cell, plane),
         sigma=sheet_sigma(cell, plane, optics),
         peak=optics.peak,
     )
 
 
-def _level(room: Room, laser: int | None) -> float:
-    if room.level is not None:
-        return room.level
+def _level(surroundings: Surroundings, laser: int | None) -> float:
+    if surroundings.level is not None:
+        return surroundings.level
     return PLAIN_LEVEL if laser is None else STRIPE_LEVEL
 
 
 def _texel(cell: Cell) -> float:
-    """Return a texel in metres such that no edge of the print is stepped in the picture."""
+    """Return the side of a texel in meters, half a pixel at the depth of the axis."""
     return float(axis_depth(cell) / cell.camera.K[0, 0] / _TEXELS_PER_PIXEL)
 
 

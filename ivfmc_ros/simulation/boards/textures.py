@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is printed on a calibration board, as a fine bitmap in the board's frame."""
+"""Texture of a printed calibration board: albedo on a fine grid in the frame of the board."""
 
 from dataclasses import dataclass
 import math
@@ -12,6 +12,7 @@ from ivfmc_ros.calibration.boards.board import marker_dictionary
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Singles
 
+# albedo of paper and ink
 WHITE = 1.0
 BLACK = 0.1
 
@@ -19,11 +20,11 @@ BLACK = 0.1
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Texture:
     """
-    How much light a flat thing returns, on a grid in its own plane z = 0.
+    Albedo of a plane z = 0 on a regular grid.
 
-    albedo : (rows, columns) float32, 1 is white; row and column run along y and x
-    corner_xy : (2,) metres, the outer corner of the first texel
-    texel : metres
+    albedo : (rows, columns) float32, 1 is white, 0 is transparent; rows along y, columns along x
+    corner_xy : (2,) meters, outer corner of the first texel
+    texel : meters, side of a texel
     """
 
     albedo: Singles
@@ -32,7 +33,7 @@ class Texture:
 
     @property
     def outline_xy(self) -> Floats:
-        """(4, 2) metres, the corners in order."""
+        """(4, 2) meters, the corners of the texture in order around it."""
         rows, columns = self.albedo.shape
         unit = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]])
         return np.asarray(self.corner_xy + unit * self.texel)
@@ -42,8 +43,8 @@ def board_texture(board: Board, texel: float, margin: float) -> Texture:
     """
     Return the print of a board with a white margin around it.
 
-    texel : metres, the largest wanted
-    margin : metres, at least; it becomes a whole number of texels
+    texel : meters, greatest side of a texel
+    margin : meters, rounded up to whole texels
     """
     per_square = _texels_per_square(board, texel)
     texel = board.square / per_square
@@ -52,7 +53,7 @@ def board_texture(board: Board, texel: float, margin: float) -> Texture:
     if board.kind == 'charuco':
         print_ = _charuco(board, per_square)
     albedo = np.pad(print_, edge, constant_values=WHITE).astype(np.float32)
-    # a chessboard counts from its first inner corner, a charuco board from its outer one
+    # origin: first inner corner of a chessboard, outer corner of a ChArUco board
     first = -board.square if board.kind == 'chessboard' else 0.0
     corner = np.full(2, first - edge * texel)
     return Texture(albedo=albedo, corner_xy=corner, texel=texel)
@@ -62,7 +63,7 @@ def _texels_per_square(board: Board, texel: float) -> int:
     least = max(8, math.ceil(board.square / texel))
     if board.kind == 'chessboard':
         return least
-    # A marker whose edges fall between texels would be drawn displaced.
+    # choose the resolution at which the edges of the markers fall on texel borders
     return min(range(least, least + 64), key=lambda count: _marker_misfit(board, count))
 
 
@@ -75,7 +76,7 @@ def _marker_misfit(board: Board, per_square: int) -> float:
 
 
 def _chessboard(board: Board, per_square: int) -> Singles:
-    # Where only one end has black corners, OpenCV's SB detector counts from the other.
+    # with black corners at one end only, OpenCV's SB detector counts from the other end
     first = (board.columns + board.rows) % 2
     parity = np.add.outer(np.arange(board.rows + 1), np.arange(board.columns + 1)) + first
     squares = np.where(parity % 2, WHITE, BLACK)

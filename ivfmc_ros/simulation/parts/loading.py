@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the simulated camera looks at: a solid, and the platter under it."""
+"""Closed triangle meshes to scan, read from STL, and the platter."""
 
 from dataclasses import dataclass
 import math
@@ -24,9 +24,9 @@ _METRES = {'m': 1.0, 'mm': 1e-3, 'inch': 0.0254}
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Platter:
     """
-    The table's disc, its upper face at z = 0 of ``turntable``.
+    The disc of the turntable, its upper face at z = 0 of ``turntable``.
 
-    radius : metres
+    radius : meters
     reflectance : 1 is white
     """
 
@@ -38,15 +38,15 @@ class Platter:
         require_in_range('platter: reflectance', self.reflectance, 0.0, 1.0)
 
 
-USUAL_PLATTER = Platter()
+DEFAULT_PLATTER = Platter()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Solid:
     """
-    A body bounded by triangles.
+    A solid bounded by a closed triangle mesh.
 
-    vertices_xyz : (n, 3) float64, metres, frame ``turntable``
+    vertices_xyz : (n, 3) float64, meters, frame ``turntable``
     faces : (m, 3) int64, counter-clockwise seen from outside
     """
 
@@ -61,7 +61,7 @@ class Solid:
 
     @property
     def corners_xyz(self) -> Floats:
-        """(m, 3, 3) metres: the corners of every face."""
+        """(m, 3, 3) meters: the corners of every face."""
         return np.asarray(self.vertices_xyz[self.faces])
 
     @property
@@ -74,13 +74,13 @@ class Solid:
 
     @property
     def volume(self) -> float:
-        """Cubic metres; negative when the faces look inward."""
+        """Cubic meters; negative where the faces point inward."""
         a, b, c = self.corners_xyz.transpose(1, 0, 2)
         return float(np.einsum('ij,ij->', a, np.cross(b, c)) / 6)
 
     @property
     def watertight(self) -> bool:
-        """Every edge belongs to two faces, which run along it in opposite directions."""
+        """Whether every edge belongs to two faces with opposite directions."""
         edges = np.concatenate(
             [self.faces[:, [0, 1]], self.faces[:, [1, 2]], self.faces[:, [2, 0]]]
         )
@@ -90,17 +90,19 @@ class Solid:
         return bool(once and np.array_equal(np.sort(forward), np.sort(backward)))
 
     def moved(self, turntable_from_solid: Floats) -> 'Solid':
-        """Return the solid moved by a rigid (4, 4) matrix."""
+        """Return the solid transformed by a rigid (4, 4) matrix, meters."""
         rotated = self.vertices_xyz @ turntable_from_solid[:3, :3].T
         return Solid(vertices_xyz=rotated + turntable_from_solid[:3, 3], faces=self.faces)
 
 
 def load_stl(path: Path, unit: Unit) -> Solid:
     """
-    Read an STL file, which says nothing of its unit.
+    Read an STL file, whose format does not store a unit.
 
-    :raises FileError: the file cannot be read or is no STL
-    :raises GeometryError: the triangles do not enclose a body
+    unit : of the file
+    returns : the solid in meters
+    :raises FileError: the file cannot be read or is not an STL file
+    :raises GeometryError: the triangles do not enclose a solid
     """
     import open3d  # takes seconds
 
@@ -113,15 +115,15 @@ def load_stl(path: Path, unit: Unit) -> Solid:
         mesh = open3d.io.read_triangle_mesh(path)
     if not len(mesh.triangles):
         raise FileError(f'{path}: holds no triangles, or is no STL file')
-    # STL repeats the corners of every triangle
+    # STL repeats the vertices of every triangle
     mesh.remove_duplicated_vertices()
     vertices = np.asarray(mesh.vertices, dtype=np.float64) * _METRES[unit]
     solid = Solid(vertices_xyz=vertices, faces=np.asarray(mesh.triangles, dtype=np.int64))
-    _require_body(solid, path)
+    _require_closed(solid, path)
     return solid
 
 
-def _require_body(solid: Solid, path: Path) -> None:
+def _require_closed(solid: Solid, path: Path) -> None:
     if not np.isfinite(solid.vertices_xyz).all():
         raise GeometryError(f'{path}: has coordinates that are not numbers')
     if not solid.watertight:

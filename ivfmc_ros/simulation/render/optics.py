@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""From light to grey values: the stripe's profile, and what a sensor makes of it."""
+"""Profile of the light sheet over a pixel, and the noise model of the sensor."""
 
 from dataclasses import dataclass
 from dataclasses import replace
@@ -16,22 +16,22 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Singles
 from ivfmc_ros.validation import require_in_range
 
-WHITE = 255  # an 8-bit sensor ends here
+WHITE = 255  # DN, saturation of an 8-bit sensor
 
-# Beyond this many sigmas the sheet is dark: 180 DN would be 0.0007 DN there.
-SHEET_EDGE = 5.0
+# Sigmas from the laser plane beyond which there is no light: of 180 DN, 0.0007 DN are left.
+SHEET_EXTENT = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Optics:
     """
-    Light and sensor. Grey values (DN) are linear in the light.
+    Illumination and sensor. Gray values (DN) are linear in the light.
 
-    A pixel that gets the laser signal I on top of its steady light B has the variance
-    read_noise^2 + (B + I) / electrons_per_dn + (speckle I)^2, independently of its neighbours.
+    A pixel with the laser signal I on top of the steady light B has the variance
+    read_noise^2 + (B + I) / electrons_per_dn + (speckle I)^2, independently of its neighbors.
 
     stripe_sigma : pixels, of the stripe on a surface that faces the camera at the axis
-    peak : DN above ambient at the middle of the stripe on a white surface that faces the laser
+    peak : DN above ambient at the center of the stripe on a white surface that faces the laser
     ambient : DN everywhere
     read_noise : DN; 0 switches it off
     electrons_per_dn : shot noise; infinite switches it off
@@ -54,20 +54,20 @@ class Optics:
             require_in_range(name, getattr(self, name), 0.0, math.inf, open_high=True)
 
     def without_noise(self) -> 'Optics':
-        """Return the same light on a perfect sensor (grey values are still whole numbers)."""
+        """Return the same optics without noise (gray values are still rounded)."""
         return replace(self, read_noise=0.0, electrons_per_dn=math.inf, speckle=0.0)
 
 
 def sheet_sigma(cell: Cell, laser: LaserPlane, optics: Optics) -> float:
-    """Return the sheet's 1 sigma thickness in metres that gives ``optics.stripe_sigma``."""
+    """Return the thickness of the light sheet, 1 sigma in meters, for ``optics.stripe_sigma``."""
     across = 0 if laser.stripe == 'rows' else 1
     pixel = axis_depth(cell) / cell.camera.K[across, across]
     slant = max(abs(float(laser.normal[across])), 0.1)
     return float(optics.stripe_sigma * pixel * slant)
 
 
-def with_thickness(cell: Cell, optics: Optics) -> Cell:
-    """Return the cell with the thickness that its sheets have in the simulation."""
+def with_sheet_thickness(cell: Cell, optics: Optics) -> Cell:
+    """Return the cell with ``LaserPlane.thickness`` as simulated."""
     lasers = tuple(
         replace(laser, thickness=sheet_sigma(cell, laser, optics)) for laser in cell.lasers
     )
@@ -75,7 +75,7 @@ def with_thickness(cell: Cell, optics: Optics) -> Cell:
 
 
 def axis_depth(cell: Cell) -> float:
-    """Return the depth in metres at which the camera sees the table's axis best centred."""
+    """Return the depth in meters of the point of the table axis nearest to the optical axis."""
     direction, origin = cell.turntable.camera_from_base[:3, 2:].T
     level = direction[:2] @ direction[:2]
     along = -(direction[:2] @ origin[:2]) / level if level > 1e-6 else 0.0
@@ -85,17 +85,17 @@ def axis_depth(cell: Cell) -> float:
 
 def stripe_profile(distance: Floats, footprint: Floats, sigma: float) -> Floats:
     """
-    Return the mean of the sheet's Gaussian over a pixel, 1 at its middle.
+    Return the mean over each pixel of the light sheet's Gaussian profile of peak 1.
 
-    distance : (n,) metres, of the pixel's centre from the sheet
-    footprint : (n,) metres, by how much the distance changes over the pixel
-    sigma : metres, of the sheet
+    distance : (n,) meters, signed, of the pixel's center from the laser plane
+    footprint : (n,) meters, change of the distance over the pixel
+    sigma : meters, 1 sigma of the light sheet
     """
-    # A narrower window loses digits in the difference and gains none in the mean.
+    # a narrower window loses digits in the difference, without an effect on the mean
     half = np.maximum(np.abs(footprint), 1e-3 * sigma) / (2 * sigma)
     middle = distance / sigma
     mean = (ndtr(middle + half) - ndtr(middle - half)) * math.sqrt(2 * math.pi) / (2 * half)
-    return np.where(np.abs(middle) < SHEET_EDGE, mean, 0.0)
+    return np.where(np.abs(middle) < SHEET_EXTENT, mean, 0.0)
 
 
 def expose(
@@ -105,20 +105,21 @@ def expose(
     rng: np.random.Generator,
 ) -> NDArray[np.uint8]:
     """
-    Return the picture that the sensor makes of light.
+    Return the gray values of the sensor: speckle, shot noise, read noise, rounding.
 
-    steady : (height, width) or one number, DN, light that has no speckle
+    steady : (height, width) or one number, DN, light without speckle
     laser : (height, width) float32, DN, laser light
+    returns : (height, width) uint8
     """
-    signal = steady + speckled(laser, optics.speckle, rng)
+    signal = steady + add_speckle(laser, optics.speckle, rng)
     variance = np.float32(optics.read_noise**2) + signal * np.float32(1 / optics.electrons_per_dn)
     if optics.read_noise or math.isfinite(optics.electrons_per_dn):
         signal += np.sqrt(variance) * rng.standard_normal(laser.shape, dtype=np.float32)
     return np.asarray(np.clip(np.rint(signal), 0, WHITE).astype(np.uint8))
 
 
-def speckled(laser: Singles, contrast: float, rng: np.random.Generator) -> Singles:
-    """Return laser light (any shape, DN) with the grain of speckle, of the same mean."""
+def add_speckle(laser: Singles, contrast: float, rng: np.random.Generator) -> Singles:
+    """Return laser light (any shape, DN) with gamma-distributed speckle of the same mean."""
     if not contrast:
         return laser.copy()
     grains = 1 / contrast**2

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The part and the platter as rays meet them, in the frame ``turntable``."""
+"""Triangles of part and platter for ray casting (open3d), in the frame ``turntable``."""
 
 from typing import Any
 
@@ -13,24 +13,26 @@ from ivfmc_ros.model import Ints
 from ivfmc_ros.simulation.parts.loading import Platter
 from ivfmc_ros.simulation.parts.loading import Solid
 
-NOTHING = -1  # the face that a ray meets when it meets none
+NO_FACE = -1  # index of the face of a ray without an intersection
 
 _DISC_EDGES = 360
-_LIFT = 1e-5  # metres; a shadow ray that starts on the surface must not meet it
+# meters along the normal, so that a shadow ray does not meet the face that it starts on
+_SHADOW_RAY_OFFSET = 1e-5
 
 
 class Scene:
     """
-    Triangles that rays can be cast at.
+    Triangle mesh with a ray caster.
 
-    vertices_xyz : (n, 3) metres
+    vertices_xyz : (n, 3) meters
     faces : (m, 3) int64, of the part first, then of the platter
-    normals : (m, 3) outward
+    normals : (m, 3) outward unit normals
     reflectance : (m,) 1 is white
+    part_faces : number of faces of the part
     """
 
     def __init__(self, solid: Solid | None, platter: Platter | None, reflectance: float) -> None:
-        bodies = [(body, shine) for body, shine in _bodies(solid, platter, reflectance)]
+        bodies = [(body, albedo) for body, albedo in _bodies(solid, platter, reflectance)]
         counts = np.cumsum([0, *(len(body.vertices_xyz) for body, _ in bodies)])
         self.vertices_xyz: Floats = np.concatenate(
             [np.empty((0, 3)), *(body.vertices_xyz for body, _ in bodies)]
@@ -45,43 +47,48 @@ class Scene:
             [np.empty((0, 3)), *(body.normals for body, _ in bodies)]
         )
         self.reflectance: Floats = np.repeat(
-            [shine for _, shine in bodies], [len(body.faces) for body, _ in bodies]
+            [albedo for _, albedo in bodies], [len(body.faces) for body, _ in bodies]
         )
         self.part_faces = len(solid.faces) if solid is not None else 0
         self._rays = _raycaster(self.vertices_xyz, self.faces)
 
     def cast(self, origin: Floats, directions: Floats) -> tuple[Floats, Ints]:
         """
-        Return what rays meet first.
+        Return the first intersection of each ray.
 
-        origin : (3,) metres
+        origin : (3,) meters
         directions : (n, 3), of any length
-        returns : (n,) how many lengths away, infinite for nothing; (n,) face, or NOTHING
+        returns : (n,) distance in units of the direction, infinite without an intersection;
+            (n,) index of the face, or NO_FACE
         """
         if not len(self.faces):
-            return np.full(len(directions), np.inf), np.full(len(directions), NOTHING)
-        hits = self._rays.cast_rays(_packed(np.broadcast_to(origin, directions.shape), directions))
+            return np.full(len(directions), np.inf), np.full(len(directions), NO_FACE)
+        hits = self._rays.cast_rays(
+            _ray_tensor(np.broadcast_to(origin, directions.shape), directions)
+        )
         face = hits['primitive_ids'].numpy().astype(np.int64)
         met = np.isfinite(hits['t_hit'].numpy())
-        face[~met] = NOTHING
-        # The ray caster has single precision; which face was met is right, how far is refined.
+        face[~met] = NO_FACE
+        # open3d casts in single precision: the face is kept, the distance is recomputed
         with np.errstate(divide='ignore', invalid='ignore'):
             lengths = self.plane_lengths(face, origin, directions)
         return np.where(met, lengths, np.inf), face
 
     def plane_lengths(self, face: Ints, origin: Floats, directions: Floats) -> Floats:
-        """Return how many lengths away rays (n, 3) meet the planes of faces (n,)."""
+        """Return (n,) distances to the planes of faces (n,), in units of the directions."""
         normals = self.normals[face]
         height = np.einsum('ij,ij->i', normals, self.vertices_xyz[self.faces[face, 0]] - origin)
         return np.asarray(height / np.einsum('ij,ij->i', normals, directions))
 
-    def shaded(self, points_xyz: Floats, normals: Floats, source: Floats) -> Bools:
-        """Tell which points (n, 3) on faces with ``normals`` (n, 3) ``source`` (3,) cannot see."""
+    def in_shadow(self, points_xyz: Floats, normals: Floats, source: Floats) -> Bools:
+        """Return (n,) bool: whether points (n, 3) are occluded from ``source`` (3,)."""
         if not len(points_xyz):
             return np.zeros(0, dtype=bool)
-        start = points_xyz + _LIFT * normals
-        shaded = self._rays.test_occlusions(_packed(start, source - start), tnear=0.0, tfar=1.0)
-        return np.asarray(shaded.numpy(), dtype=bool)
+        start = points_xyz + _SHADOW_RAY_OFFSET * normals
+        occluded = self._rays.test_occlusions(
+            _ray_tensor(start, source - start), tnear=0.0, tfar=1.0
+        )
+        return np.asarray(occluded.numpy(), dtype=bool)
 
 
 def _bodies(
@@ -114,7 +121,7 @@ def _raycaster(vertices_xyz: Floats, faces: Ints) -> Any:
     return scene
 
 
-def _packed(origins: Floats, directions: Floats) -> Any:
+def _ray_tensor(origins: Floats, directions: Floats) -> Any:
     import open3d
 
     rays = np.concatenate([origins, directions], axis=1, dtype=np.float32)
@@ -122,6 +129,6 @@ def _packed(origins: Floats, directions: Floats) -> Any:
 
 
 def part_from_camera(camera_from_base: Floats, angle: float) -> Floats:
-    """Return (4, 4) turntable <- camera_optical_frame at a table angle."""
+    """Return (4, 4) rigid turntable_from_camera at a table angle in radians."""
     turn = transforms.rigid(transforms.rotation_z(-angle), np.zeros(3))
     return np.asarray(turn @ transforms.invert(camera_from_base))

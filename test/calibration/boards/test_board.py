@@ -34,7 +34,7 @@ def test_chessboard_corners_run_along_columns_first():
 
 
 @pytest.mark.parametrize(
-    ('text', 'says'),
+    ('text', 'message'),
     [
         ('chessboard', 'not understood'),
         ('chessboard:8x6', 'not understood'),
@@ -49,8 +49,8 @@ def test_chessboard_corners_run_along_columns_first():
         ('circles:8x6:40mm', 'not understood'),
     ],
 )
-def test_impossible_board_is_refused(text, says):
-    with pytest.raises(ParameterError, match=says):
+def test_impossible_board_is_refused(text, message):
+    with pytest.raises(ParameterError, match=message):
         parse_board(text)
 
 
@@ -76,7 +76,7 @@ def test_corners_are_found_to_a_tenth_of_a_pixel(cell, text):
 def test_board_is_found_under_a_bright_stripe(cell, board):
     pose = look_at(5, -10, (0.0, 0.0, 0.4), board)
     image = render_board(cell, board, pose_matrix(pose), 0)
-    assert find_corners(board, image, lit=True) is not None
+    assert find_corners(board, image, with_stripe=True) is not None
 
 
 def test_no_board_is_found_in_noise(board):

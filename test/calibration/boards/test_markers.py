@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from ivfmc_ros.calibration.boards.board import marker_dictionary
-from ivfmc_ros.calibration.boards.edges import inward
-from ivfmc_ros.calibration.boards.edges import refine_square
+from ivfmc_ros.calibration.boards.edges import bloom_jacobian
+from ivfmc_ros.calibration.boards.edges import refine_quad
 from ivfmc_ros.calibration.boards.markers import find_markers
 from ivfmc_ros.calibration.boards.markers import parse_markers
 from ivfmc_ros.errors import ParameterError
@@ -15,7 +15,7 @@ MARKERS = parse_markers('DICT_4X4_50:30mm')
 
 
 def warped(quad):
-    """A picture of marker 7 whose corners, seen from outside, are at ``quad``."""
+    """A picture of marker 7 with its outer corners at ``quad``."""
     marker = cv2.aruco.generateImageMarker(marker_dictionary('DICT_4X4_50'), 7, 600)
     sheet = np.full((1000, 1000), 255, np.uint8)
     sheet[200:800, 200:800] = marker
@@ -47,11 +47,11 @@ def test_corners_are_found_to_a_twentieth_of_a_pixel():
     assert np.abs(found[7] - QUAD).max() < 0.05
 
 
-def test_a_quad_that_is_no_marker_is_left_alone():
+def test_quad_without_edges_is_returned_unchanged():
     flat = np.full((200, 200), 128, np.uint8)
-    np.testing.assert_array_equal(refine_square(flat, QUAD), QUAD)
+    np.testing.assert_array_equal(refine_quad(flat, QUAD), QUAD)
 
 
 def test_edges_that_move_inwards_move_the_corners_of_a_square_diagonally():
     square = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
-    np.testing.assert_allclose(inward(square), [[1, 1], [-1, 1], [-1, -1], [1, -1]])
+    np.testing.assert_allclose(bloom_jacobian(square), [[1, 1], [-1, 1], [-1, -1], [1, -1]])

@@ -22,13 +22,13 @@ def pictures(tmp_path, cell, board):
     return tmp_path
 
 
-def test_views_are_found_and_others_named(board, pictures):
-    told = []
-    views = find_views(board, list_pictures(pictures), progress=lambda *step: told.append(step))
+def test_views_are_found_and_missed_pictures_listed(board, pictures):
+    steps = []
+    views = find_views(board, list_pictures(pictures), progress=lambda *step: steps.append(step))
     assert [view.path.name for view in views.found] == ['1.png']
-    assert [path.name for path in views.without] == ['2.png']
+    assert [path.name for path in views.missed] == ['2.png']
     assert views.size == (640, 512)
-    assert told[-1] == ('board', 2, 2)
+    assert steps[-1] == ('board', 2, 2)
 
 
 def test_picture_of_another_size_is_named(board, pictures):
@@ -37,7 +37,7 @@ def test_picture_of_another_size_is_named(board, pictures):
         find_views(board, list_pictures(pictures))
 
 
-def test_board_that_is_never_found_is_named(board, pictures):
+def test_board_that_is_never_detected_is_named(board, pictures):
     (pictures / '1.png').unlink()
     with pytest.raises(CalibrationError, match=r'none of 1 pictures shows chessboard:9x7:14mm'):
         find_views(board, list_pictures(pictures))

@@ -8,9 +8,9 @@ import pytest
 
 from ivfmc_ros.calibration.boards.board import Corners
 from ivfmc_ros.calibration.boards.board import parse_board
+from ivfmc_ros.calibration.boards.board_shape import BoardShape
+from ivfmc_ros.calibration.boards.views import BoardView
 from ivfmc_ros.calibration.boards.views import find_views
-from ivfmc_ros.calibration.boards.views import View
-from ivfmc_ros.calibration.camera.bow import Bend
 from ivfmc_ros.calibration.camera.calibrate import calibrate_camera
 from ivfmc_ros.errors import CalibrationError
 from ivfmc_ros.pictures import list_pictures
@@ -19,84 +19,86 @@ from ..conftest import corners_at
 from ..conftest import look_at
 
 
-def test_exact_corners_give_the_camera_back(cell, board, make_views):
-    made = calibrate_camera(board, make_views(noise=0.0))
-    np.testing.assert_allclose(made.camera.K, cell.camera.K, atol=1e-3)
-    assert made.rms < 1e-5
+def test_exact_corners_reproduce_the_camera(cell, board, make_views):
+    result = calibrate_camera(board, make_views(noise=0.0))
+    np.testing.assert_allclose(result.camera.K, cell.camera.K, atol=1e-3)
+    assert result.rms < 1e-5
 
 
-def test_claimed_deviations_are_true(cell, board, make_views):
-    errors, claims = [], []
+def test_stated_standard_deviations_match_the_errors(cell, board, make_views):
+    errors, stated = [], []
     for seed in range(8):
-        made = calibrate_camera(board, make_views(noise=0.05, seed=seed), bend=False)
-        errors.append(made.camera.K[0, 0] - cell.camera.K[0, 0])
-        claims.append(made.std['fx'])
-    assert 0.5 < np.std(errors) / np.mean(claims) < 2.0
+        result = calibrate_camera(board, make_views(noise=0.05, seed=seed), fit_bend=False)
+        errors.append(result.camera.K[0, 0] - cell.camera.K[0, 0])
+        stated.append(result.std['fx'])
+    assert 0.5 < np.std(errors) / np.mean(stated) < 2.0
 
 
 def test_bad_views_are_dropped_and_named(board, make_views):
     views = make_views()
     bad = views.found[3]
     rng = np.random.default_rng(1)
-    spoilt = Corners(
+    disturbed = Corners(
         ids=bad.corners.ids, uv=bad.corners.uv + rng.normal(0, 1, bad.corners.uv.shape)
     )
     found = list(views.found)
-    found[3] = View(path=bad.path, corners=spoilt)
-    made = calibrate_camera(board, replace(views, found=tuple(found), without=(Path('a/x.png'),)))
-    assert made.dropped == {
+    found[3] = BoardView(path=bad.path, corners=disturbed)
+    result = calibrate_camera(board, replace(views, found=tuple(found), missed=(Path('a/x.png'),)))
+    assert result.dropped == {
         'pictures/3.png': 'large residuals',
-        'a/x.png': 'the board was not found',
+        'a/x.png': 'board not detected',
     }
 
 
-def test_bent_board_is_recognised(cell, board, make_views):
-    bend = Bend(center=Bend.flat(board).center, coefficients=np.array([0.02, 0.0, -0.15, 0.002]))
-    made = calibrate_camera(board, make_views(corners_xyz=bend.corners_xyz(board)))
-    np.testing.assert_allclose(made.bend.coefficients[:3], [0.02, 0, -0.15], atol=0.02)
-    assert abs(made.bend.stretch - 0.002) < 2e-4
-    assert abs(made.camera.K[0, 0] - cell.camera.K[0, 0]) < 2.0
-    assert any('bent' in text for text in made.warnings)
-    assert any('longer' in text for text in made.warnings)
+def test_bent_board_is_detected(cell, board, make_views):
+    bend = BoardShape(
+        center=BoardShape.flat(board).center, coefficients=np.array([0.02, 0.0, -0.15, 0.002])
+    )
+    result = calibrate_camera(board, make_views(corners_xyz=bend.corners_xyz(board)))
+    np.testing.assert_allclose(result.board_shape.coefficients[:3], [0.02, 0, -0.15], atol=0.02)
+    assert abs(result.board_shape.stretch - 0.002) < 2e-4
+    assert abs(result.camera.K[0, 0] - cell.camera.K[0, 0]) < 2.0
+    assert any('bent' in text for text in result.warnings)
+    assert any('longer' in text for text in result.warnings)
 
 
-def test_flat_board_is_left_flat(board, make_views):
-    assert calibrate_camera(board, make_views()).bend.is_flat
+def test_flat_board_stays_flat(board, make_views):
+    assert calibrate_camera(board, make_views()).board_shape.is_flat
 
 
 def test_rational_model_fits_too(board, make_views):
-    made = calibrate_camera(board, make_views(), 'rational_polynomial')
-    assert made.camera.distortion.shape == (8,)
-    assert made.rms < 0.06
+    result = calibrate_camera(board, make_views(), 'rational_polynomial')
+    assert result.camera.distortion.shape == (8,)
+    assert result.rms < 0.06
 
 
 def test_partial_views_are_used(board, make_views):
     views = make_views()
     keep = np.arange(len(board.corners_xyz)) < 30
-    found = tuple(View(path=v.path, corners=v.corners.chosen(keep)) for v in views.found[:8])
-    made = calibrate_camera(board, replace(views, found=found + views.found[8:]))
-    assert len(made.used) == len(views.found)
+    found = tuple(BoardView(path=v.path, corners=v.corners.select(keep)) for v in views.found[:8])
+    result = calibrate_camera(board, replace(views, found=found + views.found[8:]))
+    assert len(result.used) == len(views.found)
 
 
-def test_uncovered_corners_are_told(board, make_views):
+def test_uncovered_image_corners_give_a_warning(board, make_views):
     assert calibrate_camera(board, make_views()).warnings == ()
     views = make_views()
     found = tuple(v for v in views.found if (v.corners.uv > (160, 128)).any(axis=1).all())
-    told = calibrate_camera(board, replace(views, found=found)).warnings
-    assert len(told) == 1
-    assert 'upper left of the image' in told[0]
+    warnings = calibrate_camera(board, replace(views, found=found)).warnings
+    assert len(warnings) == 1
+    assert 'upper left of the image' in warnings[0]
 
 
 def test_too_few_views_are_refused(board, make_views):
     views = make_views()
-    with pytest.raises(CalibrationError, match=r'somewhere: 5 good pictures.*6 is least'):
+    with pytest.raises(CalibrationError, match=r'somewhere: 5 usable pictures.*at least 6'):
         calibrate_camera(board, replace(views, found=views.found[:5]), where='somewhere')
 
 
 def test_parallel_views_are_refused(cell, board, make_views):
     rng = np.random.default_rng(0)
     found = tuple(
-        View(
+        BoardView(
             path=Path(f'{k}.png'),
             corners=corners_at(
                 cell.camera,
@@ -117,9 +119,9 @@ def test_unknown_model_is_refused(board, make_views):
         calibrate_camera(board, make_views(), 'fisheye')
 
 
-def test_real_camera_is_within_its_bar(data_dir):
+def test_real_camera_rms_is_within_the_limit(data_dir):
     board = parse_board('chessboard:8x6:40mm')
     pictures = list_pictures(data_dir / 'turntable_laser' / 'chessboard')[::6]
-    made = calibrate_camera(board, find_views(board, pictures))
-    assert made.rms <= 0.20
-    assert len(made.used) >= 0.8 * len(pictures)
+    result = calibrate_camera(board, find_views(board, pictures))
+    assert result.rms <= 0.20
+    assert len(result.used) >= 0.8 * len(pictures)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ivfmc_ros.calibration.laser.plane import agreeing_plane
-from ivfmc_ros.calibration.laser.plane import fit_sheet
-from ivfmc_ros.calibration.laser.plane import inliers
+from ivfmc_ros.calibration.laser.plane import find_inliers
+from ivfmc_ros.calibration.laser.plane import fit_plane
+from ivfmc_ros.calibration.laser.plane import least_median_plane
 from ivfmc_ros.calibration.laser.plane import StripePoints
 from ivfmc_ros.calibration.laser.plane import total_least_squares
 
@@ -23,13 +23,13 @@ def stripes(rng, count=20, pixel=1e-5, pose=2e-5, bow=0.0):
         line = -OFFSET * NORMAL + (s + 0.3 * t)[:, None] * side + t[:, None] * [0.0, 1.0, 0.0]
         line += (bow * (s + 0.3 * t) ** 2)[:, None] * NORMAL
         line += (pixel * rng.standard_normal(80) + pose * rng.standard_normal())[:, None] * NORMAL
-        by_pose = np.zeros((80, 3, 1))
-        by_pose[:, :, 0] = NORMAL
+        pose_jacobian = np.zeros((80, 3, 1))
+        pose_jacobian[:, :, 0] = NORMAL
         views.append(
             StripePoints(
                 points_xyz=line,
-                by_pixel=np.tile(NORMAL * pixel, (80, 1)),
-                by_pose=by_pose,
+                pixel_jacobian=np.tile(NORMAL * pixel, (80, 1)),
+                pose_jacobian=pose_jacobian,
                 sigma=1.0,
                 pose_covariance=np.array([[pose**2]]),
             )
@@ -43,36 +43,36 @@ def test_total_least_squares_finds_a_plane():
     np.testing.assert_allclose(plane, [*NORMAL, OFFSET], atol=1e-4)
 
 
-def test_views_off_the_plane_are_left_out():
+def test_views_off_the_plane_are_outliers():
     rng = np.random.default_rng(0)
     views = stripes(rng)
     for k in range(6):
         wrong = views[k].points_xyz + np.array([0.0, 0.0, 0.01 * (k + 1)])
         views[k] = StripePoints(**{**views[k].__dict__, 'points_xyz': wrong})
-    keep, plane = inliers(views, agreeing_plane(views))
+    keep, plane = find_inliers(views, least_median_plane(views))
     assert [bool(k.any()) for k in keep] == [False] * 6 + [True] * 14
     np.testing.assert_allclose(plane, [*NORMAL, OFFSET], atol=1e-3)
 
 
-def test_claimed_covariance_is_true():
+def test_stated_covariance_matches_the_errors():
     ratios = []
     for seed in range(40):
-        sheet = fit_sheet(stripes(np.random.default_rng(seed)), np.array([*NORMAL, OFFSET]))
+        fit = fit_plane(stripes(np.random.default_rng(seed)), np.array([*NORMAL, OFFSET]))
         place = np.array([*(-OFFSET * NORMAL), 1.0])
-        error = place @ [*sheet.normal, sheet.offset]
-        ratios.append(error / np.sqrt(place @ sheet.covariance @ place))
+        error = place @ [*fit.normal, fit.offset]
+        ratios.append(error / np.sqrt(place @ fit.covariance @ place))
     assert 0.7 < np.std(ratios) < 1.5
 
 
 def test_bow_is_measured():
     views = stripes(np.random.default_rng(0), pose=0.0, bow=0.05)
-    sheet = fit_sheet(views, np.array([*NORMAL, OFFSET]), bowed=True)
+    fit = fit_plane(views, np.array([*NORMAL, OFFSET]), bowed=True)
     points = np.concatenate([view.points_xyz for view in views])
-    assert np.sqrt(np.mean(sheet.distance(points) ** 2)) < 2e-5
-    flat = fit_sheet(views, np.array([*NORMAL, OFFSET]))
+    assert np.sqrt(np.mean(fit.distance(points) ** 2)) < 2e-5
+    flat = fit_plane(views, np.array([*NORMAL, OFFSET]))
     assert np.sqrt(np.mean(flat.distance(points) ** 2)) > 1e-4
 
 
-def test_flat_sheet_has_unit_normal():
-    sheet = fit_sheet(stripes(np.random.default_rng(1)), np.array([*NORMAL, OFFSET]))
-    assert np.linalg.norm(sheet.normal) == pytest.approx(1.0)
+def test_plane_has_unit_normal():
+    fit = fit_plane(stripes(np.random.default_rng(1)), np.array([*NORMAL, OFFSET]))
+    assert np.linalg.norm(fit.normal) == pytest.approx(1.0)

@@ -10,17 +10,17 @@ import pytest
 from ivfmc_ros.calibration.boards.board import parse_board
 from ivfmc_ros.calibration.boards.markers import parse_markers
 from ivfmc_ros.calibration.laser.depth import depth_warning
-from ivfmc_ros.calibration.turntable.angles import angles_of
+from ivfmc_ros.calibration.turntable.angles import collect_angles
 from ivfmc_ros.calibration.turntable.angles import fill_gaps
-from ivfmc_ros.calibration.turntable.axis import Heights
-from ivfmc_ros.calibration.turntable.axis import Sightings
+from ivfmc_ros.calibration.turntable.axis import CornerObservations
+from ivfmc_ros.calibration.turntable.axis import PlatterPoints
 from ivfmc_ros.calibration.turntable.calibrate import calibrate_turntable
-from ivfmc_ros.calibration.turntable.calibrate import first_axis
+from ivfmc_ros.calibration.turntable.calibrate import estimate_axis
 from ivfmc_ros.calibration.turntable.calibrate import measure_angles
-from ivfmc_ros.calibration.turntable.platter import PlatterStripes
-from ivfmc_ros.calibration.turntable.sightings import focal_lengths
-from ivfmc_ros.calibration.turntable.sightings import PlatterViews
-from ivfmc_ros.calibration.turntable.sightings import see_platter
+from ivfmc_ros.calibration.turntable.observations import detect_targets
+from ivfmc_ros.calibration.turntable.observations import focal_lengths
+from ivfmc_ros.calibration.turntable.observations import PlatterViews
+from ivfmc_ros.calibration.turntable.platter_stripes import PlatterStripes
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.errors import CalibrationError
 from ivfmc_ros.errors import FileError
@@ -31,7 +31,7 @@ SPOTS = ((0.06, 0.0, 0.3), (0.0, 0.055, 1.0), (-0.06, 0.01, 2.0), (0.01, -0.06, 
 
 
 def marker_views(cell, angles, *, side=0.02, noise=0.05, tilt=(0.0, 0.0), hidden=()):
-    """Exact sightings of four markers on the platter, plus noise."""
+    """Exact observations of four markers on the platter, plus noise."""
     rng = np.random.default_rng(0)
     rows = []
     for picture, angle in enumerate(angles):
@@ -46,96 +46,96 @@ def marker_views(cell, angles, *, side=0.02, noise=0.05, tilt=(0.0, 0.0), hidden
             rows.append((picture, group, uv))
     count = len(rows)
     pixels = np.concatenate([uv for *_, uv in rows])
-    sightings = Sightings(
+    observations = CornerObservations(
         picture=np.repeat([r[0] for r in rows], 4),
         group=np.repeat([r[1] for r in rows], 4),
         corner=np.tile(np.arange(4), count),
         local_xyz=np.tile(MARKERS.corners_xyz, (count, 1)),
         uv=cell.camera.rays(pixels)[:, :2] * focal_lengths(cell.camera),
-        inward=np.zeros_like(pixels),
+        bloom_jacobian=np.zeros_like(pixels),
     )
     pictures = tuple(Path(f'{k}.png') for k in range(len(angles)))
     return PlatterViews(
         target=MARKERS,
         pictures=pictures,
-        without=(),
-        sightings=sightings,
+        missed=(),
+        observations=observations,
         pixels=pixels,
         ids=(1, 2, 3, 4),
     )
 
 
 def calibrated(cell, views, stripes=None):
-    first, _ = first_axis(cell.camera, views, 'here')
+    first, _ = estimate_axis(cell.camera, views, 'here')
     return calibrate_turntable(cell.camera, views, first, stripes, where='here')
 
 
 ANGLES = np.linspace(0, 2 * np.pi, 16, endpoint=False)
 
 
-def moved(cell, made):
-    """What takes the true base to the found one."""
-    return transforms.invert(cell.turntable.camera_from_base) @ made.turntable.camera_from_base
+def moved(cell, result):
+    """The transform from the true base to the estimated one."""
+    return transforms.invert(cell.turntable.camera_from_base) @ result.turntable.camera_from_base
 
 
 def test_markers_give_the_axis(cell):
-    made = calibrated(cell, marker_views(cell, ANGLES))
-    error = moved(cell, made)
+    result = calibrated(cell, marker_views(cell, ANGLES))
+    error = moved(cell, result)
     assert np.linalg.norm(error[:3, 3]) < 0.2e-3
     assert np.abs(error[:3, :3] - np.eye(3)).max() < 1e-3
-    assert made.scale_source == 'markers'
-    assert made.wobble < 1e-3
-    np.testing.assert_allclose(list(made.angles.values()), ANGLES, atol=2e-3)
+    assert result.scale_source == 'markers'
+    assert result.wobble < 1e-3
+    np.testing.assert_allclose(list(result.angles.values()), ANGLES, atol=2e-3)
 
 
-def test_claimed_deviations_are_true(cell):
-    made = calibrated(cell, marker_views(cell, ANGLES))
-    error = moved(cell, made)
+def test_stated_standard_deviations_match_the_errors(cell):
+    result = calibrated(cell, marker_views(cell, ANGLES))
+    error = moved(cell, result)
     seen = np.array([-error[1, 2], error[0, 2], *error[:3, 3]])
-    ratio = seen / np.sqrt(np.diag(made.adjusted.covariance))
+    ratio = seen / np.sqrt(np.diag(result.adjusted.covariance))
     assert 0.2 < np.sqrt(np.mean(ratio**2)) < 2.5
 
 
-def test_sense_of_rotation_is_told(cell):
+def test_sense_of_rotation_is_reported(cell):
     assert calibrated(cell, marker_views(cell, ANGLES)).turns_positive
     assert not calibrated(cell, marker_views(cell, -ANGLES)).turns_positive
 
 
-def test_platter_that_is_not_square_to_the_axis_is_told(cell):
-    made = calibrated(cell, marker_views(cell, ANGLES, tilt=(0.005, 0.0)))
-    assert made.wobble == pytest.approx(0.005, abs=5e-4)
+def test_tilt_of_the_platter_is_reported(cell):
+    result = calibrated(cell, marker_views(cell, ANGLES, tilt=(0.005, 0.0)))
+    assert result.wobble == pytest.approx(0.005, abs=5e-4)
 
 
 def test_stripe_on_the_platter_gives_the_scale(cell):
-    # markers that are 2 % smaller than their user believes
+    # markers 2 % smaller than their nominal size
     views = marker_views(cell, ANGLES, side=0.0196)
     x = np.linspace(-0.05, 0.05, 200)
     platter = transforms.apply(
         cell.turntable.camera_from_base, np.stack([x, 0.5 * x, 0 * x], axis=1)
     )
-    heights = Heights(points_xyz=platter, sigma=np.full(200, 2e-5))
+    platter_points = PlatterPoints(points_xyz=platter, sigma=np.full(200, 2e-5))
     stripes = PlatterStripes(
         pictures=(Path('0.png'),),
         picture=np.zeros(200, int),
         uv=np.zeros((200, 2)),
-        heights=heights,
+        platter_points=platter_points,
     )
-    believed = calibrated(cell, views)
-    made = calibrated(cell, views, stripes)
-    assert abs(moved(cell, believed)[2, 3]) > 1e-3
-    assert np.linalg.norm(moved(cell, made)[:3, 3]) < 0.3e-3
-    assert made.scale == pytest.approx(0.98, abs=2e-3)
-    assert made.scale_source == 'laser'
-    assert made.platter_rms < 1e-4
+    by_markers = calibrated(cell, views)
+    result = calibrated(cell, views, stripes)
+    assert abs(moved(cell, by_markers)[2, 3]) > 1e-3
+    assert np.linalg.norm(moved(cell, result)[:3, 3]) < 0.3e-3
+    assert result.scale == pytest.approx(0.98, abs=2e-3)
+    assert result.scale_source == 'laser'
+    assert result.platter_rms < 1e-4
 
 
-def test_hidden_markers_and_outliers_are_no_harm(cell):
+def test_hidden_markers_and_outliers_are_tolerated(cell):
     views = marker_views(cell, ANGLES, hidden={(2, 0), (2, 1), (5, 3), (9, 2)})
-    uv = views.sightings.uv.copy()
+    uv = views.observations.uv.copy()
     uv[10:13] += 20.0
-    made = calibrated(cell, replace(views, sightings=replace(views.sightings, uv=uv)))
-    assert not made.kept[10:13].any()
-    assert np.linalg.norm(moved(cell, made)[:3, 3]) < 0.2e-3
+    result = calibrated(cell, replace(views, observations=replace(views.observations, uv=uv)))
+    assert not result.inlier_mask[10:13].any()
+    assert np.linalg.norm(moved(cell, result)[:3, 3]) < 0.2e-3
 
 
 def test_angles_of_a_scan_are_measured(cell):
@@ -145,11 +145,11 @@ def test_angles_of_a_scan_are_measured(cell):
     np.testing.assert_allclose(measured.axis.angles, angles, atol=2e-3)
 
 
-def test_pictures_without_markers_are_filled_only_if_asked(cell):
+def test_pictures_without_markers_are_interpolated_only_on_request(cell):
     angles = np.array([0.0, 0.1, 0.3, 0.4, 0.5, 0.6])
     views = marker_views(cell, angles)
     order = ['0.png', '1.png', 'dark.png', *(f'{k}.png' for k in range(2, 6)), 'end.png']
-    measured = angles_of(views, measure_angles(cell.camera, cell.turntable, views), order)
+    measured = collect_angles(views, measure_angles(cell.camera, cell.turntable, views), order)
     assert measured.missing == ('dark.png', 'end.png')
     filled = fill_gaps(measured, order)
     assert filled.filled == ('dark.png',)
@@ -159,21 +159,21 @@ def test_pictures_without_markers_are_filled_only_if_asked(cell):
 
 def test_too_few_pictures_are_refused(cell):
     with pytest.raises(CalibrationError, match=r'here: 4 pictures show DICT_4X4_50:20mm'):
-        first_axis(cell.camera, marker_views(cell, ANGLES[:4]), 'here')
+        estimate_axis(cell.camera, marker_views(cell, ANGLES[:4]), 'here')
 
 
 def test_a_table_that_hardly_turned_is_refused(cell):
     with pytest.raises(CalibrationError, match='here: the table turned by'):
-        first_axis(cell.camera, marker_views(cell, np.linspace(0, 0.3, 8)), 'here')
+        estimate_axis(cell.camera, marker_views(cell, np.linspace(0, 0.3, 8)), 'here')
 
 
 def test_pictures_without_common_markers_are_refused(cell):
     hidden = {(p, g) for p in range(16) for g in range(4) if (g < 2) != (p < 8)}
     with pytest.raises(CalibrationError, match='no marker in common'):
-        first_axis(cell.camera, marker_views(cell, ANGLES, hidden=hidden), 'here')
+        estimate_axis(cell.camera, marker_views(cell, ANGLES, hidden=hidden), 'here')
 
 
-def test_volume_outside_the_calibrated_depth_is_told(cell):
+def test_volume_outside_the_calibrated_depth_gives_a_warning(cell):
     laser = replace(cell.lasers[0], volume=np.array([[-1, -1, 0.6], [1, 1, 1.2]]))
     assert 'calibrated 0.60 to 1.20 m' in depth_warning(laser, cell.turntable)[0]
     assert depth_warning(cell.lasers[0], cell.turntable) == []
@@ -191,20 +191,20 @@ def charuco_pictures(tmp_path_factory, cell):
 
 def test_charuco_board_gives_the_axis(cell, charuco_pictures):
     board, pictures = charuco_pictures
-    made = calibrated(cell, see_platter(cell.camera, board, pictures))
-    error = moved(cell, made)
+    result = calibrated(cell, detect_targets(cell.camera, board, pictures))
+    error = moved(cell, result)
     assert np.linalg.norm(error[:2, 3]) < 0.05e-3
     assert np.linalg.norm(error[:3, 3]) < 0.1e-3
-    assert made.scale_source == 'board'
-    np.testing.assert_allclose(np.diff(list(made.angles.values())), np.pi / 4, atol=1e-3)
+    assert result.scale_source == 'board'
+    np.testing.assert_allclose(np.diff(list(result.angles.values())), np.pi / 4, atol=1e-3)
 
 
-def test_markers_that_are_never_seen_are_named(cell, charuco_pictures):
+def test_markers_that_are_not_detected_are_named(cell, charuco_pictures):
     with pytest.raises(CalibrationError, match=r'none of 8 pictures shows DICT_6X6_50:30mm'):
-        see_platter(cell.camera, parse_markers('DICT_6X6_50:30mm'), charuco_pictures[1])
+        detect_targets(cell.camera, parse_markers('DICT_6X6_50:30mm'), charuco_pictures[1])
 
 
 def test_picture_of_another_size_is_named(tmp_path, cell):
     cv2.imwrite(str(tmp_path / 'small.png'), np.zeros((10, 10), np.uint8))
     with pytest.raises(FileError, match=r'small\.png'):
-        see_platter(cell.camera, MARKERS, [tmp_path / 'small.png'])
+        detect_targets(cell.camera, MARKERS, [tmp_path / 'small.png'])

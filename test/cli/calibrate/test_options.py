@@ -5,11 +5,11 @@ from pathlib import Path
 from ivfmc_ros.cli.calibrate import options
 
 
-def test_names_that_look_like_markup_are_said_as_they_are(capsys):
+def test_file_names_that_look_like_markup_are_printed_literally(capsys):
     folder = Path('Prüfling [neu]')
-    options.say(
+    options.print_result(
         'Laser', [('rms', '[0.1]')], ['see [/x]'], [folder / 'cell.yaml'], {'[b].png': 'dark'}
     )
-    said = capsys.readouterr().out
+    printed = capsys.readouterr().out
     for text in ('[0.1]', 'warning: see [/x]', 'Prüfling [neu]/cell.yaml', '[b].png'):
-        assert text in said
+        assert text in printed

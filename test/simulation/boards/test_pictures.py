@@ -11,8 +11,8 @@ from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.simulation.boards.pictures import platter_board_pose
 from ivfmc_ros.simulation.boards.pictures import render_board
 from ivfmc_ros.simulation.boards.pictures import render_platter_board
-from ivfmc_ros.simulation.boards.pictures import Room
 from ivfmc_ros.simulation.boards.pictures import scatter_poses
+from ivfmc_ros.simulation.boards.pictures import Surroundings
 from ivfmc_ros.simulation.parts.loading import Platter
 from ivfmc_ros.simulation.render.optics import Optics
 
@@ -27,7 +27,7 @@ def pose(turn, place):
 
 
 def edge_errors(picture, uv, axis):
-    """Pixels by which a dark-bright edge is off the curve ``uv``, in lines along ``axis``."""
+    """Pixels between a dark-bright edge and the curve ``uv``, in lines along ``axis``."""
     along = 1 - axis
     lines = np.arange(np.ceil(uv[:, along].min()), uv[:, along].max()).astype(int)
     true = np.interp(lines, uv[:, along], uv[:, axis])
@@ -66,8 +66,8 @@ def test_corners_are_found_where_they_are(cell, board, rms):
 @pytest.mark.parametrize('angle', [0.0, 2.0])
 def test_board_turns_with_the_platter(cell, angle):
     board = Board('charuco', 8, 8, 0.015, 0.011, 'DICT_4X4_50')
-    room = Room(platter=Platter())
-    picture = render_platter_board(cell, board, angle, thickness=0.003, room=room)
+    surroundings = Surroundings(platter=Platter())
+    picture = render_platter_board(cell, board, angle, thickness=0.003, surroundings=surroundings)
     corners = find_corners(board, picture)
     assert corners is not None
     true = cell.turntable.to_camera(
@@ -96,7 +96,9 @@ def test_stripe_on_a_board_triangulates_onto_it(cell, laser):
     board = Board('chessboard', 3, 3, 0.03)
     camera_from_board = pose((0.3, 0.1, 0.0), (-0.03, -0.03, 0.4))
     with_stripe, without = (
-        render_board(cell, board, camera_from_board, on, optics=QUIET, room=Room(level=20.0))
+        render_board(
+            cell, board, camera_from_board, on, optics=QUIET, surroundings=Surroundings(level=20.0)
+        )
         for on in (laser, None)
     )
     light = with_stripe.astype(float) - without

@@ -9,8 +9,8 @@ from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.simulation import bench
 from ivfmc_ros.simulation.parts import solids
 from ivfmc_ros.simulation.parts.prism import circle
+from ivfmc_ros.simulation.parts.prism import circle_segments
 from ivfmc_ros.simulation.parts.prism import Layer
-from ivfmc_ros.simulation.parts.prism import segments
 from ivfmc_ros.simulation.parts.prism import stack
 
 
@@ -36,8 +36,8 @@ def demo_volume():
     slot = solids.KEYWAY_WIDTH * (mouth - solids.KEYWAY_BOTTOM)
     slot += segment_area(solids.SHAFT_RADIUS, mouth)
     shaft -= slot * (solids.SHAFT_TOP - solids.KEYWAY_FLOOR)
-    bore = math.pi * solids.BORE_RADIUS**2 * (solids.SHAFT_TOP - solids.BORE_FLOOR)
-    return flange - bolts + hub + shaft - bore
+    hole = math.pi * solids.HOLE_RADIUS**2 * (solids.SHAFT_TOP - solids.HOLE_FLOOR)
+    return flange - bolts + hub + shaft - hole
 
 
 def test_demo_part_is_closed_and_looks_outward(demo):
@@ -73,13 +73,13 @@ def test_no_turn_maps_the_demo_part_onto_itself(demo):
     low = demo.vertices_xyz[:, 2] > solids.KEYWAY_FLOOR
     angle = np.arctan2(demo.vertices_xyz[low, 1], demo.vertices_xyz[low, 0])
     radius = np.hypot(*demo.vertices_xyz[low, :2].T)
-    inner = angle[(radius < solids.SHAFT_RADIUS - 1e-4) & (radius > solids.BORE_RADIUS + 1e-4)]
+    inner = angle[(radius < solids.SHAFT_RADIUS - 1e-4) & (radius > solids.HOLE_RADIUS + 1e-4)]
     assert np.abs(inner - solids.KEYWAY_AZIMUTH).max() < 0.4
 
 
 @pytest.mark.parametrize('radius', [0.003, 0.015, 0.052])
 def test_chords_are_within_a_micrometre_of_the_arc(radius):
-    assert radius * (1 - math.cos(math.pi / segments(radius))) <= 1e-6
+    assert radius * (1 - math.cos(math.pi / circle_segments(radius))) <= 1e-6
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.simulation.render.optics import add_speckle
 from ivfmc_ros.simulation.render.optics import expose
 from ivfmc_ros.simulation.render.optics import Optics
 from ivfmc_ros.simulation.render.optics import sheet_sigma
-from ivfmc_ros.simulation.render.optics import speckled
 from ivfmc_ros.simulation.render.optics import stripe_profile
 
 SHAPE = (400, 500)
@@ -34,8 +34,8 @@ def test_pixels_are_independent():
     optics = Optics()
     picture = expose(6.0, flat(100.0), optics, np.random.default_rng(2)).astype(float)
     deviation = picture - picture.mean()
-    for neighbours in (deviation[:, 1:] * deviation[:, :-1], deviation[1:] * deviation[:-1]):
-        assert abs(neighbours.mean() / picture.var()) < 0.01
+    for neighbors in (deviation[:, 1:] * deviation[:, :-1], deviation[1:] * deviation[:-1]):
+        assert abs(neighbors.mean() / picture.var()) < 0.01
 
 
 @pytest.mark.parametrize(
@@ -63,17 +63,17 @@ def test_bright_light_saturates():
 
 
 def test_speckle_never_takes_more_light_than_there_is():
-    light = speckled(flat(10.0), 0.6, np.random.default_rng(6))
+    light = add_speckle(flat(10.0), 0.6, np.random.default_rng(6))
     assert light.min() >= 0
     assert light.mean() == pytest.approx(10, rel=0.01)
 
 
 def test_profile_is_the_mean_over_the_pixel():
     sigma, footprint = 3e-4, np.array([4e-4])
-    for centre in (0.0, 1e-4, 5e-4):
-        inside = centre + footprint * (np.arange(1000) + 0.5) / 1000 - footprint / 2
+    for center in (0.0, 1e-4, 5e-4):
+        inside = center + footprint * (np.arange(1000) + 0.5) / 1000 - footprint / 2
         mean = np.exp(-0.5 * (inside / sigma) ** 2).mean()
-        assert stripe_profile(np.array([centre]), footprint, sigma) == pytest.approx(mean, 1e-5)
+        assert stripe_profile(np.array([center]), footprint, sigma) == pytest.approx(mean, 1e-5)
 
 
 def test_profile_of_a_fine_pixel_is_the_gaussian():

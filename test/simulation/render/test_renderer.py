@@ -12,7 +12,7 @@ from ivfmc_ros.simulation.render.optics import Optics
 from ivfmc_ros.simulation.render.renderer import FRAME_PERIOD_NS
 from ivfmc_ros.simulation.render.renderer import simulate_scan
 from ivfmc_ros.simulation.render.renderer import StripeRenderer
-from ivfmc_ros.simulation.render.sources import usual_sources
+from ivfmc_ros.simulation.render.sources import default_sources
 
 BOX = (0.05, 0.05, 0.06)
 
@@ -57,7 +57,7 @@ def test_stripe_on_a_round_side_is_off_by_its_width_squared(cell, centroid_error
 
 @pytest.mark.parametrize('shift', [0.0, 0.5])
 def test_half_a_pixel_would_be_seen(cell, shift):
-    """Triangulates the rendered stripe; the side of the box says whether pixels are centred."""
+    """The rendered stripe triangulates to the side of the box only with centered pixels."""
     renderer = StripeRenderer(cell=cell, solid=box(BOX), platter=None)
     light = renderer.light(0.3, 0)
     rows = np.arange(560, 700)
@@ -72,14 +72,14 @@ def test_half_a_pixel_would_be_seen(cell, shift):
 
 @pytest.mark.parametrize(('angle', 'laser'), [(0.0, 0), (0.5, 1), (2.0, 0)])
 def test_band_is_the_whole_picture(cell, demo, demo_renderer, angle, laser):
-    whole = StripeRenderer(cell=cell, solid=demo, seed=7, band=False)
+    whole = StripeRenderer(cell=cell, solid=demo, seed=7, restrict_to_stripe=False)
     assert np.array_equal(whole.light(angle, laser), demo_renderer.light(angle, laser))
 
 
 def test_band_holds_under_a_strong_lens(demo):
     cell = bench.bench_cell(distortion=(-0.4, 0.2, 1e-3, -1e-3, 0.0))
     band = StripeRenderer(cell=cell, solid=demo)
-    whole = StripeRenderer(cell=cell, solid=demo, band=False)
+    whole = StripeRenderer(cell=cell, solid=demo, restrict_to_stripe=False)
     assert np.array_equal(whole.light(1.0, 1), band.light(1.0, 1))
 
 
@@ -87,7 +87,7 @@ def test_a_part_that_faces_laser_and_camera_has_the_peak_asked_for(cell):
     renderer = StripeRenderer(
         cell=cell, solid=cylinder(0.03, 0.06), platter=None, optics=Optics().without_noise()
     )
-    source = cell.turntable.to_part(usual_sources(cell)[0].position[None], 0.0)[0]
+    source = cell.turntable.to_part(default_sources(cell)[0].position[None], 0.0)[0]
     point = np.array([0.03 * np.cos(np.radians(36)), 0.03 * np.sin(np.radians(36)), 0.03])
     toward = (source - point) / np.linalg.norm(source - point)
     facing = toward @ (point * (1, 1, 0)) / 0.03
@@ -100,7 +100,7 @@ def test_part_shades_itself(cell):
     """Under the step the light ends where the line from the source past the rim falls."""
     shaft = stepped_shaft([(0.02, 0.03), (0.04, 0.01)])
     renderer = StripeRenderer(cell=cell, solid=shaft, platter=None)
-    base = cell.turntable.to_part(usual_sources(cell)[0].position[None], 0.0)[0]
+    base = cell.turntable.to_part(default_sources(cell)[0].position[None], 0.0)[0]
     reach, height = np.hypot(*base[:2]), base[2]
     shadow = 0.03 - (height - 0.03) / (reach - 0.04) * (0.04 - 0.02)
     truth = renderer.truth(0.0, 0)
@@ -108,8 +108,12 @@ def test_part_shades_itself(cell):
     below = truth.points_xyz[(np.hypot(x, y) < 0.021) & (z < 0.03)]
     assert below[:, 2].max() == pytest.approx(shadow, abs=2e-4)
     # rows that look at the shaft above the shadow, and below the step
-    dark = np.array([[0.02 * np.cos(0.63), 0.02 * np.sin(0.63), z] for z in (0.019, 0.0205)])
-    rows = np.round(cell.camera.project(cell.turntable.to_camera(dark, 0.0))[:, 1]).astype(int)
+    ambient_light = np.array(
+        [[0.02 * np.cos(0.63), 0.02 * np.sin(0.63), z] for z in (0.019, 0.0205)]
+    )
+    rows = np.round(
+        cell.camera.project(cell.turntable.to_camera(ambient_light, 0.0))[:, 1]
+    ).astype(int)
     assert renderer.light(0.0, 0)[rows[1] : rows[0]].max() == 0.0
 
 
@@ -178,4 +182,4 @@ def test_laser_that_the_cell_has_not_is_refused(cell, demo_renderer):
 
 def test_too_few_sources_are_refused(cell):
     with pytest.raises(ParameterError, match='sources: there are 1 for 2 lasers'):
-        StripeRenderer(cell=cell, solid=None, sources=usual_sources(cell)[:1])
+        StripeRenderer(cell=cell, solid=None, sources=default_sources(cell)[:1])

@@ -23,10 +23,10 @@ def ball():
 def bowed(cell):
     """A cell whose first sheet is a shallow cone, 0.9 mm off its plane at 30 mm."""
     plane = cell.lasers[0]
-    centre = plane.intersect(np.array([[0.0, 0.0, 1.0]]))[0]
+    center = plane.intersect(np.array([[0.0, 0.0, 1.0]]))[0]
     along = np.cross(plane.normal, (0.0, 0.0, 1.0))
     bow = Bow(
-        center=centre, along=along / np.linalg.norm(along), coefficients=np.array([1.0, 0.3, -0.4])
+        center=center, along=along / np.linalg.norm(along), coefficients=np.array([1.0, 0.3, -0.4])
     )
     return replace(cell, lasers=(replace(plane, bow=bow), cell.lasers[1]))
 
@@ -81,7 +81,7 @@ def test_bowed_sheet_has_its_truth(bowed, ball):
 def test_bowed_sheet_is_rendered_where_its_truth_is(bowed, centroid_errors):
     solid = box((0.05, 0.05, 0.06))
     renderer = StripeRenderer(cell=bowed, solid=solid, platter=None)
-    whole = StripeRenderer(cell=bowed, solid=solid, platter=None, band=False)
+    whole = StripeRenderer(cell=bowed, solid=solid, platter=None, restrict_to_stripe=False)
     light, truth = renderer.light(0.3, 0), renderer.truth(0.3, 0)
     assert np.array_equal(light, whole.light(0.3, 0))
     side = truth.points_xyz[:, 2] < 0.06 - 1e-4

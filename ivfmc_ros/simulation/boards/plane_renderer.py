@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of flat printed things in space, before the sensor."""
+"""Noise-free images of textured planes under ambient light and a laser stripe."""
 
 from dataclasses import dataclass
 
@@ -14,21 +14,21 @@ from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Singles
 from ivfmc_ros.simulation.boards.textures import Texture
+from ivfmc_ros.simulation.render.camera_rays import pixel_rays
 from ivfmc_ros.simulation.render.optics import stripe_profile
-from ivfmc_ros.simulation.render.raster import pixel_rays
 from ivfmc_ros.simulation.render.sources import LaserSource
 
-_SUPERSAMPLING = 4
+_SUPERSAMPLING = 4  # rays per pixel and direction
 _LENS_BLUR = 0.5  # pixels, 1 sigma
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Beam:
+class LightBeam:
     """
     One laser that is on.
 
-    sigma : metres, thickness of its sheet
-    peak : DN on a white surface that faces it
+    sigma : meters, 1 sigma of the thickness of the light sheet
+    peak : DN on a white surface that faces the laser
     """
 
     plane: LaserPlane
@@ -38,34 +38,34 @@ class Beam:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Light:
+class SceneLight:
     """
-    Grey values without noise, each (height, width) float32.
+    Gray values (DN) without noise, each (height, width) float32.
 
-    steady : what the room's light makes of the scene
-    laser : what the stripe adds
+    steady : by ambient light
+    laser : by the laser stripe
     """
 
     steady: Singles
     laser: Singles
 
 
-def dark(camera: Camera, ambient: float) -> Light:
-    """Return an empty scene."""
+def ambient_light(camera: Camera, ambient: float) -> SceneLight:
+    """Return an image of nothing but ambient light, DN."""
     shape = (camera.height, camera.width)
-    return Light(
+    return SceneLight(
         steady=np.full(shape, ambient, dtype=np.float32), laser=np.zeros(shape, dtype=np.float32)
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Patch:
+class _PlanePixels:
     """
-    The rectangle of pixels that a flat thing may be seen in.
+    The rectangle of pixels that contains the image of a textured plane.
 
-    window : its rows and columns
-    points_xyz : (height, width, 3) metres, where its pixels see the plane, camera_optical_frame
-    x, y : (height, width) metres, the same in the plane
+    window : rows and columns
+    points_xyz : (height, width, 3) meters, the plane at each pixel, camera_optical_frame
+    x, y : (height, width) meters, the same in the plane
     """
 
     window: tuple[slice, slice]
@@ -74,56 +74,56 @@ class _Patch:
     y: Floats
 
 
-def lay(
-    light: Light,
+def composite(
+    light: SceneLight,
     camera: Camera,
     texture: Texture,
     camera_from_plane: Floats,
     *,
     level: float,
-    beam: Beam | None,
-) -> Light:
+    beam: LightBeam | None,
+) -> SceneLight:
     """
-    Return the scene with a flat thing in front of all that is in it.
+    Return the image with a textured plane in front of everything in it.
 
-    camera_from_plane : (4, 4) rigid; the print is on the side from which z points away
-    level : DN of white in the room's light
+    camera_from_plane : (4, 4) rigid, meters; z points away from the printed side
+    level : DN of white in ambient light
 
-    :raises GeometryError: the camera sees the back
+    :raises GeometryError: the camera sees the back of the plane
     """
     toward = -camera_from_plane[:3, 2]
     if toward @ camera_from_plane[:3, 3] >= 0:
         raise GeometryError('the camera sees the back of the board; turn the board over')
-    patch = _patch(camera, texture, camera_from_plane)
-    if patch is None:
+    pixels = _plane_pixels(camera, texture, camera_from_plane)
+    if pixels is None:
         return light
-    albedo, cover = _sample(texture, patch)
+    albedo, cover = _sample(texture, pixels)
     steady, laser = light.steady.copy(), light.laser.copy()
     room = level * albedo + light.steady.min() * cover
-    steady[patch.window] = steady[patch.window] * (1 - cover) + room
-    laser[patch.window] *= 1 - cover
+    steady[pixels.window] = steady[pixels.window] * (1 - cover) + room
+    laser[pixels.window] *= 1 - cover
     if beam is not None:
-        laser[patch.window] += albedo * _stripe(patch, toward, beam)
-    return Light(steady=steady, laser=laser)
+        laser[pixels.window] += albedo * _stripe(pixels, toward, beam)
+    return SceneLight(steady=steady, laser=laser)
 
 
-def _patch(camera: Camera, texture: Texture, pose: Floats) -> _Patch | None:
+def _plane_pixels(camera: Camera, texture: Texture, pose: Floats) -> _PlanePixels | None:
     window = _window(camera, texture, pose)
     rays_xy = pixel_rays(camera)[window]
     rays = np.dstack([rays_xy, np.ones(rays_xy.shape[:2])])
     if not rays.size:
         return None
     normal = pose[:3, 2]
-    # a ray along the plane, or one that would meet it behind the camera, sees it nowhere
+    # NaN for rays parallel to the plane or that meet it behind the camera
     with np.errstate(divide='ignore', invalid='ignore'):
         depth = (normal @ pose[:3, 3]) / (rays @ normal)
         points = rays * np.where(depth > 0, depth, np.nan)[..., None]
     local = (points - pose[:3, 3]) @ pose[:3, :2]
-    return _Patch(window, points, local[..., 0], local[..., 1])
+    return _PlanePixels(window, points, local[..., 0], local[..., 1])
 
 
 def _window(camera: Camera, texture: Texture, pose: Floats) -> tuple[slice, slice]:
-    """Return the rows and columns that hold the texture's outline, also where it is bowed."""
+    """Return the rows and columns that contain the texture's outline under lens distortion."""
     corners = texture.outline_xy
     along = np.linspace(0, 1, 32, endpoint=False)[:, None]
     edges = [a + along * (b - a) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)]
@@ -138,10 +138,10 @@ def _window(camera: Camera, texture: Texture, pose: Floats) -> tuple[slice, slic
     return slice(least[1], max(least[1], most[1])), slice(least[0], max(least[0], most[0]))
 
 
-def _sample(texture: Texture, patch: _Patch) -> tuple[Singles, Singles]:
-    """Return albedo (nothing counts as black) and coverage, averaged over every pixel."""
-    x = (patch.x - texture.corner_xy[0]) / texture.texel - 0.5
-    y = (patch.y - texture.corner_xy[1]) / texture.texel - 0.5
+def _sample(texture: Texture, pixels: _PlanePixels) -> tuple[Singles, Singles]:
+    """Return albedo (0 outside the texture) and coverage, averaged over every pixel."""
+    x = (pixels.x - texture.corner_xy[0]) / texture.texel - 0.5
+    y = (pixels.y - texture.corner_xy[1]) / texture.texel - 0.5
     printed = np.dstack([texture.albedo, np.asarray(texture.albedo > 0, dtype=np.float32)])
     x_v, x_u = np.gradient(x)
     y_v, y_u = np.gradient(y)
@@ -157,11 +157,11 @@ def _sample(texture: Texture, patch: _Patch) -> tuple[Singles, Singles]:
     return blurred[..., 0], blurred[..., 1]
 
 
-def _stripe(patch: _Patch, toward: Floats, beam: Beam) -> Singles:
-    """Return the laser light on a white plane, DN."""
-    distance = beam.plane.distance(patch.points_xyz.reshape(-1, 3)).reshape(patch.x.shape)
-    footprint = np.maximum(*(np.abs(slope) for slope in np.gradient(distance)))
-    to_source = beam.source.position - patch.points_xyz
+def _stripe(pixels: _PlanePixels, toward: Floats, beam: LightBeam) -> Singles:
+    """Return the laser light on a white plane, (height, width) DN."""
+    distance = beam.plane.distance(pixels.points_xyz.reshape(-1, 3)).reshape(pixels.x.shape)
+    footprint = np.maximum(*(np.abs(derivative) for derivative in np.gradient(distance)))
+    to_source = beam.source.position - pixels.points_xyz
     facing = to_source @ toward / np.linalg.norm(to_source, axis=2)
     profile = stripe_profile(distance, footprint, beam.sigma)
     light = beam.peak * np.clip(facing, 0.0, 1.0) * profile
