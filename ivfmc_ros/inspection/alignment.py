@@ -1,10 +1,10 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A measured surface laid onto its nominal one.
+Alignment of measured points to a nominal surface.
 
-Globally by principal axes, then by the best fit of point to plane (Chen & Medioni 1992) of the
-part of the points that has a counterpart; or by datum points (Kabsch 1976).
+A global search by principal axes is refined by trimmed point-to-plane ICP (Chen & Medioni 1992);
+datum points are aligned in closed form (Kabsch 1976).
 """
 
 from collections.abc import Iterator
@@ -21,23 +21,31 @@ from ivfmc_ros.surface import Surface
 from ivfmc_ros.validation import require_one_of
 
 METHODS = ('best_fit', 'global', 'none', 'datum')
+# Points and iterations of the global search and of the final fit.
 _COARSE_POINTS, _FINE_POINTS = 1500, 20_000
-_COARSE_ROUNDS, _FINE_ROUNDS = 12, 40
-# Share of the points that the fit believes to have a counterpart.
+_COARSE_ITERATIONS, _FINE_ITERATIONS = 12, 40
+# Fraction of the points with the smallest distances that the fit uses (trimmed ICP).
 _TRIM = 0.9
-_TRIED = 4
-_TWISTS = 12
-# Principal extents nearer than this leave the turn about the third axis open.
-_ROUND = 0.25
-_SETTLED = 1e-9
+# Candidate poses of the global search that are refined.
+_REFINED_CANDIDATES = 12
+# Rotations about an axis that are tried where the principal axes are ambiguous.
+_AXIS_ROTATIONS = 12
+# Two principal extents are ambiguous if they differ by less than this fraction.
+_AMBIGUOUS_EXTENTS = 0.25
+# Convergence: largest component of a step, radians or meters.
+_MIN_STEP = 1e-9
+# Relative singular value below which a direction is not constrained by the surface.
+_RCOND = 1e-4
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Alignment:
     """
-    nominal_from_mesh (4, 4), and how well the points used lie on the nominal afterwards.
+    Transform from the mesh to the nominal, and the residual of the points.
 
-    rms : metres; method : as asked for
+    nominal_from_mesh : (4, 4)
+    rms : meters, of the trimmed point-to-surface distances, or of the datum points
+    method : one of ``METHODS``
     """
 
     nominal_from_mesh: Floats
@@ -47,49 +55,50 @@ class Alignment:
 
 def align(points_xyz: Floats, nominal: Surface, vertices_xyz: Floats, method: str) -> Alignment:
     """
-    Lay (n, 3) points onto a nominal surface.
+    Align points to a nominal surface.
 
-    vertices_xyz : (m, 3) metres, of the nominal
-    method : best_fit (from where it is), global (from anywhere) or none
+    points_xyz : (n, 3) meters
+    vertices_xyz : (m, 3) meters, of the nominal
+    method : best_fit (from the current pose), global (from any pose) or none
     :raises ParameterError: unknown method
     :raises GeometryError: fewer than 6 points
     """
     require_one_of('align', method, ('best_fit', 'global', 'none'))
     if len(points_xyz) < 6:
-        raise GeometryError(f'align: {len(points_xyz)} points do not fix a pose; 6 are needed')
-    points = _thinned(points_xyz, _FINE_POINTS)
+        raise GeometryError(f'align: {len(points_xyz)} points, at least 6 are needed')
+    points = _downsampled(points_xyz, _FINE_POINTS)
     T = np.eye(4)
     if method == 'global':
-        T = _global_start(_thinned(points_xyz, _COARSE_POINTS), nominal, vertices_xyz)
+        T = _global_start(_downsampled(points_xyz, _COARSE_POINTS), nominal, vertices_xyz)
     if method != 'none':
-        T = _fit(points, nominal, T, _FINE_ROUNDS)
+        T = _fit(points, nominal, T, _FINE_ITERATIONS)
     return Alignment(nominal_from_mesh=T, rms=_cost(points, nominal, T), method=method)
 
 
-def from_datums(measured_xyz: Floats, nominal_xyz: Floats) -> Alignment:
+def align_datums(measured_xyz: Floats, nominal_xyz: Floats) -> Alignment:
     """
-    Lay measured datum points onto nominal ones, both (n, 3) metres, in the same order.
+    Align measured datum points to nominal ones, both (n, 3) meters, in the same order.
 
-    :raises GeometryError: fewer than three points, or they lie on a line
+    :raises GeometryError: fewer than three points, different numbers of points, or collinear ones
     """
     if len(measured_xyz) != len(nominal_xyz) or len(measured_xyz) < 3:
-        raise GeometryError('datum: three or more points are needed, as many nominal as measured')
+        raise GeometryError('datum: needs three or more points, as many nominal as measured')
     a, b = measured_xyz.mean(axis=0), nominal_xyz.mean(axis=0)
     u, sizes, vt = np.linalg.svd((measured_xyz - a).T @ (nominal_xyz - b))
     if sizes[1] < 1e-6 * sizes[0]:
-        raise GeometryError('datum: the points lie on one line, which leaves a turn open')
+        raise GeometryError('datum: the points are collinear and do not determine a rotation')
     flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))])
     R = vt.T @ flip @ u.T
     T = transforms.rigid(R, b - R @ a)
-    left = transforms.apply(T, measured_xyz) - nominal_xyz
+    residuals = transforms.apply(T, measured_xyz) - nominal_xyz
     return Alignment(
         nominal_from_mesh=T,
-        rms=float(np.sqrt((left**2).sum(axis=1).mean())),
+        rms=float(np.sqrt((residuals**2).sum(axis=1).mean())),
         method='datum',
     )
 
 
-def _thinned(points: Floats, count: int) -> Floats:
+def _downsampled(points: Floats, count: int) -> Floats:
     if len(points) <= count:
         return points
     chosen = np.random.default_rng(0).choice(len(points), count, replace=False)
@@ -101,48 +110,50 @@ def _cost(points: Floats, nominal: Surface, T: Floats) -> float:
     return float(np.sqrt(np.mean(distance[: max(6, int(_TRIM * len(distance)))] ** 2)))
 
 
-def _fit(points: Floats, nominal: Surface, T: Floats, rounds: int) -> Floats:
-    """Minimise the distance to the planes of the nearest faces, without the farthest tenth."""
-    for _ in range(rounds):
+def _fit(points: Floats, nominal: Surface, T: Floats, iterations: int) -> Floats:
+    """Minimize point-to-plane distances to the nearest faces by trimmed Gauss-Newton."""
+    for _ in range(iterations):
         moved = transforms.apply(T, points)
         near = nominal.nearest(moved)
         used = near.distance <= np.quantile(near.distance, _TRIM)
-        centre = moved[used].mean(axis=0)
-        lever, n = moved[used] - centre, near.normals[used]
+        center = moved[used].mean(axis=0)
+        lever, n = moved[used] - center, near.normals[used]
         gap = (n * (near.points_xyz[used] - moved[used])).sum(axis=1)
         A = np.concatenate([np.cross(lever, n), n], axis=1)
-        # a direction that nothing holds (the turn of a round part) stays where it is
-        step = np.linalg.lstsq(A, gap, rcond=1e-4)[0]
-        R = _turn(step[:3])
-        T = transforms.rigid(R, centre + step[3:] - R @ centre) @ T
-        if np.abs(step).max() < _SETTLED:
+        # unconstrained directions (such as the rotation of a round part) get no step
+        step = np.linalg.lstsq(A, gap, rcond=_RCOND)[0]
+        R = _rotation(step[:3])
+        T = transforms.rigid(R, center + step[3:] - R @ center) @ T
+        if np.abs(step).max() < _MIN_STEP:
             break
     return T
 
 
 def _global_start(points: Floats, nominal: Surface, vertices: Floats) -> Floats:
     tried: list[tuple[float, int, Floats]] = []
-    surface = _thinned(vertices, _COARSE_POINTS)
+    surface = _downsampled(vertices, _COARSE_POINTS)
     for T in _poses(points, surface):
         tried.append((_cost(points[::5], nominal, T), len(tried), T))
     tried.sort(key=lambda item: item[:2])
-    fitted = [_fit(points, nominal, T, _COARSE_ROUNDS) for *_, T in tried[: 3 * _TRIED]]
+    fitted = [
+        _fit(points, nominal, T, _COARSE_ITERATIONS) for *_, T in tried[:_REFINED_CANDIDATES]
+    ]
     return min(fitted, key=lambda T: _cost(points, nominal, T))
 
 
 def _poses(points: Floats, surface: Floats) -> Iterator[Floats]:
-    """Give poses that lay the principal axes of one on those of the other, either way round."""
+    """Yield poses that align the principal axes, in all directions and ambiguous rotations."""
     a, axes_a, _ = _principal(points)
     b, axes_b, sizes = _principal(surface)
-    twists = [np.eye(3)]
+    rotations = [np.eye(3)]
     for axis in range(3):
         others = np.delete(sizes, axis)
-        if others.min() > (1.0 - _ROUND) * others.max():
-            turns = 2.0 * np.pi * np.arange(1, _TWISTS) / _TWISTS
-            twists += [_turn(turn * np.eye(3)[axis]) for turn in turns]
-    for signs, twist in product(product((1.0, -1.0), repeat=2), twists):
+        if others.min() > (1.0 - _AMBIGUOUS_EXTENTS) * others.max():
+            angles = 2.0 * np.pi * np.arange(1, _AXIS_ROTATIONS) / _AXIS_ROTATIONS
+            rotations += [_rotation(angle * np.eye(3)[axis]) for angle in angles]
+    for signs, rotation in product(product((1.0, -1.0), repeat=2), rotations):
         flip = np.diag([*signs, signs[0] * signs[1]])
-        R = axes_b @ twist @ flip @ axes_a.T
+        R = axes_b @ rotation @ flip @ axes_a.T
         yield transforms.rigid(R, b - R @ a)
 
 
@@ -154,5 +165,5 @@ def _principal(points: Floats) -> tuple[Floats, Floats, Floats]:
     return middle, axes, sizes
 
 
-def _turn(vector: Floats) -> Floats:
+def _rotation(vector: Floats) -> Floats:
     return np.asarray(Rotation.from_rotvec(vector).as_matrix())

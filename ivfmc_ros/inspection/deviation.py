@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How far measured points are from a nominal surface."""
+"""Statistics of signed distances between measured points and a nominal surface."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,11 @@ from ivfmc_ros.model import Floats
 
 @dataclass(frozen=True, kw_only=True)
 class Deviation:
-    """Distances in metres: root mean square, 95th percentile, largest, signed mean."""
+    """
+    Statistics of n signed distances, meters.
+
+    p95, worst : 95th percentile and maximum of the absolute distances; mean : signed
+    """
 
     count: int
     rms: float
@@ -21,14 +25,14 @@ class Deviation:
     mean: float
 
 
-def summarise(distances: Floats) -> Deviation:
+def summarize(distances: Floats) -> Deviation:
     """
-    Sum up (n,) signed distances in metres.
+    Return the statistics of (n,) signed distances in meters.
 
-    :raises GeometryError: there is none, or one is not finite
+    :raises GeometryError: the array is empty or has values that are not finite
     """
     if not len(distances):
-        raise GeometryError('deviation: no point to compare')
+        raise GeometryError('deviation: there are no points to compare')
     if not np.isfinite(distances).all():
         raise GeometryError('deviation: a distance is not finite; remove invalid points first')
     size = np.abs(distances)

@@ -1,10 +1,9 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Plane, cylinder, sphere and circle through points: size, place, form error (least squares).
+Least-squares fit of plane, cylinder, sphere and circle to points: pose, size and form error.
 
-A feature is fitted in the frame of its points' own middle, so that its figures do not lose digits
-when the part stands far from the origin.
+Points are centered and scaled before the fit, against loss of precision far from the origin.
 """
 
 from collections.abc import Callable
@@ -18,21 +17,24 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.validation import require_one_of
 
 KINDS = ('plane', 'cylinder', 'sphere', 'circle')
-_LEAST = {'plane': 3, 'cylinder': 6, 'sphere': 4, 'circle': 3}
-# A direction in which points extend less than this, as a share of their extent, is none.
-_FLAT = 1e-6
+# Minimum number of points: degrees of freedom of the shape.
+_MIN_POINTS = {'plane': 3, 'cylinder': 6, 'sphere': 4, 'circle': 3}
+# Relative singular value below which the points are degenerate in a direction.
+_DEGENERATE = 1e-6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Feature:
     """
-    A shape through points. Lengths are metres.
+    A fitted shape. Lengths are meters.
 
-    center_xyz : (3,) of the sphere or circle; the point of plane or axis nearest to the points
+    kind : one of ``KINDS``
+    center_xyz : (3,) center of sphere or circle; for plane and cylinder, the point of plane or
+        axis nearest to the centroid of the points
     axis : (3,) unit normal of plane or circle, or direction of a cylinder; NaN for a sphere
     diameter : NaN for a plane
-    form : the farthest point on one side to the farthest on the other (ISO 1101)
-    rms : of the points about the shape; count : of points
+    form : peak-to-valley deviation of the points from the shape (form error, ISO 1101)
+    rms : rms deviation of the points from the shape; count : number of points
     """
 
     kind: str
@@ -46,115 +48,129 @@ class Feature:
 
 def fit(kind: str, points_xyz: Floats) -> Feature:
     """
-    Fit a shape to (n, 3) points.
+    Fit a shape to points by least squares.
 
+    kind : one of ``KINDS``
+    points_xyz : (n, 3) meters
     :raises ParameterError: unknown kind
-    :raises GeometryError: the points are too few, or do not determine the shape
+    :raises GeometryError: too few points, or they do not determine the shape
     """
     require_one_of('feature', kind, KINDS)
-    if len(points_xyz) < _LEAST[kind] or not np.isfinite(points_xyz).all():
+    if len(points_xyz) < _MIN_POINTS[kind] or not np.isfinite(points_xyz).all():
         raise GeometryError(
-            f'feature: a {kind} needs {_LEAST[kind]} finite points, there are {len(points_xyz)}'
+            f'feature: a {kind} needs at least {_MIN_POINTS[kind]} finite points, '
+            f'there are {len(points_xyz)}'
         )
     center = points_xyz.mean(axis=0)
     scale = float(np.sqrt(((points_xyz - center) ** 2).sum(axis=1).mean()))
     if not scale > 0:
-        raise GeometryError(f'feature: all points of the {kind} are at one place')
+        raise GeometryError(f'feature: all points of the {kind} coincide')
     return _FITS[kind](points_xyz, center, scale)
 
 
-def _made(
-    kind: str, left: Floats, center: Floats, axis: Floats | None, diameter: float
+def _feature(
+    kind: str, residuals: Floats, center: Floats, axis: Floats | None, diameter: float
 ) -> Feature:
     return Feature(
         kind=kind,
         center_xyz=center,
         axis=np.full(3, np.nan) if axis is None else axis,
         diameter=diameter,
-        form=float(np.ptp(left)),
-        rms=float(np.sqrt(np.mean(left**2))),
-        count=len(left),
+        form=float(np.ptp(residuals)),
+        rms=float(np.sqrt(np.mean(residuals**2))),
+        count=len(residuals),
     )
 
 
 def _plane(points: Floats, center: Floats, scale: float) -> Feature:
     _, sizes, axes = np.linalg.svd((points - center) / scale, full_matrices=False)
-    if sizes[1] < _FLAT * sizes[0]:
-        raise GeometryError('feature: the points of the plane lie on one line')
-    return _made('plane', (points - center) @ axes[2], center, axes[2], float('nan'))
+    if sizes[1] < _DEGENERATE * sizes[0]:
+        raise GeometryError('feature: the points of the plane are collinear')
+    return _feature('plane', (points - center) @ axes[2], center, axes[2], float('nan'))
 
 
 def _sphere(points: Floats, center: Floats, scale: float) -> Feature:
-    at = (points - center) / scale
-    if np.linalg.svd(at, compute_uv=False)[2] < _FLAT * np.sqrt(len(at)):
-        raise GeometryError('feature: the points of the sphere lie in one plane')
-    start = _algebraic(at)
-    found = least_squares(lambda p: np.linalg.norm(at - p[:3], axis=1) - p[3], start)
+    scaled = (points - center) / scale
+    if np.linalg.svd(scaled, compute_uv=False)[2] < _DEGENERATE * np.sqrt(len(scaled)):
+        raise GeometryError('feature: the points of the sphere are coplanar')
+    start = _algebraic(scaled)
+    found = least_squares(lambda p: np.linalg.norm(scaled - p[:3], axis=1) - p[3], start)
     middle, radius = found.x[:3] * scale + center, float(found.x[3]) * scale
-    return _made('sphere', found.fun * scale, middle, None, 2.0 * radius)
+    return _feature('sphere', found.fun * scale, middle, None, 2.0 * radius)
 
 
-def _algebraic(at: Floats) -> Floats:
-    """Return the center and radius of a circle or sphere, from |x|^2 = 2 c.x + (r^2 - c^2)."""
-    A = np.column_stack([2.0 * at, np.ones(len(at))])
-    solved = np.linalg.lstsq(A, (at**2).sum(axis=1), rcond=None)[0]
+def _algebraic(scaled: Floats) -> Floats:
+    """Return center and radius by the algebraic fit |x|^2 = 2 c.x + (r^2 - c^2) (Kasa 1976)."""
+    A = np.column_stack([2.0 * scaled, np.ones(len(scaled))])
+    solved = np.linalg.lstsq(A, (scaled**2).sum(axis=1), rcond=None)[0]
     center = solved[:-1]
     return np.append(center, np.sqrt(max(solved[-1] + center @ center, 1e-12)))
 
 
 def _circle(points: Floats, center: Floats, scale: float) -> Feature:
     plane = _plane(points, center, scale)
-    flat = _across(plane.axis)
-    at = (points - center) @ flat / scale
-    found = least_squares(lambda p: np.linalg.norm(at - p[:2], axis=1) - p[2], _algebraic(at))
-    middle = center + flat @ found.x[:2] * scale
-    return _made('circle', found.fun * scale, middle, plane.axis, 2.0 * float(found.x[2]) * scale)
+    basis = _perpendicular(plane.axis)
+    scaled = (points - center) @ basis / scale
+    found = least_squares(
+        lambda p: np.linalg.norm(scaled - p[:2], axis=1) - p[2], _algebraic(scaled)
+    )
+    middle = center + basis @ found.x[:2] * scale
+    return _feature(
+        'circle', found.fun * scale, middle, plane.axis, 2.0 * float(found.x[2]) * scale
+    )
 
 
-def _across(axis: Floats) -> Floats:
-    """Return (3, 2): two unit vectors square to an axis and to each other."""
+def _perpendicular(axis: Floats) -> Floats:
+    """Return (3, 2): two unit vectors perpendicular to an axis and to each other."""
     first = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
     first /= np.linalg.norm(first)
     return np.stack([first, np.cross(axis, first)], axis=1)
 
 
 def _cylinder(points: Floats, center: Floats, scale: float) -> Feature:
-    at = (points - center) / scale
-    rough = [_fit_cylinder(at[:: max(1, len(at) // 300)], axis, 12) for axis in _starts(at)]
+    scaled = (points - center) / scale
+    rough = [
+        _fit_cylinder(scaled[:: max(1, len(scaled) // 300)], axis, 12)
+        for axis in _initial_axes(scaled)
+    ]
     start = min(rough, key=lambda tried: tried[2])[0]
-    axis, middle, _, left, radius = _fit_cylinder(at, start, 60)
-    if radius > _LARGEST:
-        raise GeometryError('feature: the points of the cylinder are as good as flat')
-    return _made('cylinder', left * scale, middle * scale + center, axis, 2.0 * radius * scale)
+    axis, middle, _, residuals, radius = _fit_cylinder(scaled, start, 60)
+    if radius > _MAX_RADIUS:
+        raise GeometryError('feature: the points of the cylinder are almost coplanar')
+    return _feature(
+        'cylinder', residuals * scale, middle * scale + center, axis, 2.0 * radius * scale
+    )
 
 
-# In extents of its points: of a flatter arc, noise makes any diameter.
-_LARGEST = 100.0
+# Largest radius of a cylinder in rms extents of its points; a flatter arc does not determine it.
+_MAX_RADIUS = 100.0
 
 
-def _starts(at: Floats) -> Floats:
-    return np.concatenate([np.linalg.svd(at, full_matrices=False)[2], np.eye(3)])
+def _initial_axes(scaled: Floats) -> Floats:
+    return np.concatenate([np.linalg.svd(scaled, full_matrices=False)[2], np.eye(3)])
 
 
 def _fit_cylinder(
-    at: Floats, axis: Floats, most: int
+    scaled: Floats, axis: Floats, max_evaluations: int
 ) -> tuple[Floats, Floats, float, Floats, float]:
-    flat = _across(axis)
+    basis = _perpendicular(axis)
 
     def parts(p: Floats) -> tuple[Floats, Floats, Floats]:
-        direction = axis + flat @ p[:2]
+        direction = axis + basis @ p[:2]
         direction = direction / np.linalg.norm(direction)
-        middle = flat @ p[2:4]
-        offset = at - middle
+        middle = basis @ p[2:4]
+        offset = scaled - middle
         offset = offset - (offset @ direction)[:, None] * direction
         return direction, middle, np.linalg.norm(offset, axis=1)
 
-    start = _algebraic(at @ flat)
+    start = _algebraic(scaled @ basis)
     found = least_squares(
-        lambda p: parts(p)[2] - p[4], np.concatenate([np.zeros(2), start]), max_nfev=most
+        lambda p: parts(p)[2] - p[4],
+        np.concatenate([np.zeros(2), start]),
+        max_nfev=max_evaluations,
     )
     direction, middle, distance = parts(found.x)
-    middle = middle + ((at.mean(axis=0) - middle) @ direction) * direction
+    middle = middle + ((scaled.mean(axis=0) - middle) @ direction) * direction
     radius = abs(float(found.x[4]))
     return direction, middle, float(found.cost), distance - radius, radius
 

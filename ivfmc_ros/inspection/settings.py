@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How a mesh is compared with its nominal."""
+"""Settings of an inspection."""
 
 from dataclasses import dataclass
 from dataclasses import field
@@ -8,19 +8,19 @@ from dataclasses import field
 from ivfmc_ros.inspection.uncertainty import Conditions
 from ivfmc_ros.inspection.verdict import require_tolerance
 
-# Points of a feature are taken so far away from the edges of its face, in metres: the stripe bends
-# over an edge.
+# Meters; points closer to the edge of a region are not used for its shape: the stripe is biased
+# where an edge cuts it.
 EDGE = 1.0e-3
 
 
 @dataclass(frozen=True, kw_only=True)
 class InspectSettings:
     """
-    How a mesh is judged. Lengths are metres.
+    Settings of an inspection. Lengths are meters.
 
-    tolerance : largest deviation allowed to either side, of surface and sizes
-    align : best_fit, global, none
-    edge : vertices nearer to the edge of a face have no part in its fitted feature
+    tolerance : largest permitted deviation to either side, of the surface and of diameters
+    align : best_fit, global or none
+    edge : vertices closer to the edge of a region are not used for its fitted shape
     """
 
     tolerance: float = 0.1e-3

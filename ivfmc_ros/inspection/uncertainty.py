@@ -1,11 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How far measured points and what is fitted to them may be off (GUM, JCGM 100).
+Measurement uncertainty of points and fitted shapes due to the calibration (GUM, JCGM 100).
 
-Noise averages out over many points; the calibration moves all of them together and does not. So
-every parameter of the calibration that has a covariance is moved a little, the points are
-triangulated anew from where the camera saw them, and what is measured is measured again.
+Noise averages out over many points; errors of the calibration are systematic and do not. Each
+principal direction of the calibration's covariances is perturbed, the points are triangulated
+again from their pixels, and the change is propagated to the measured quantity.
 """
 
 from collections.abc import Callable
@@ -22,19 +22,25 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.validation import require_in_range
 
 REFERENCE_TEMPERATURE = 20.0  # degrees Celsius, ISO 1
-# A surface that turns farther away than this (cosine) was not measured from there.
-_LEAST_FACING = 0.1
-_STEP = 1e-3  # of one standard deviation along each principal direction of a covariance
+# Minimum cosine between the normal and the direction to the camera of a point that is measured.
+_MIN_FACING = 0.1
+# Step of the numerical derivative, in standard deviations along a principal direction of a
+# covariance.
+_STEP = 1e-3
+# Step of the derivative of a fitted quantity, in standard deviations.
+_MEASURE_STEP = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
 class Conditions:
     """
-    What a length depends on beside the points.
+    Measurement conditions that scale all lengths.
 
-    scale_u : relative, 1 sigma, of the known length of the calibration
-    temperature, temperature_u : degrees Celsius of the part, and 1 sigma
-    expansion, expansion_u : 1/K and its 1 sigma; steel by default
+    scale_u : relative standard uncertainty of the reference length of the calibration
+    temperature, temperature_u : temperature of the part, degrees Celsius, and its standard
+        uncertainty, K
+    expansion, expansion_u : coefficient of thermal expansion and its standard uncertainty, 1/K;
+        steel by default
     """
 
     scale_u: float = 0.0
@@ -51,42 +57,44 @@ class Conditions:
 
     @property
     def to_reference(self) -> float:
-        """What a length is multiplied with to be that at 20 degrees."""
+        """Factor from a length at ``temperature`` to that at 20 degrees Celsius (ISO 1)."""
         return 1.0 / (1.0 + self.expansion * (self.temperature - REFERENCE_TEMPERATURE))
 
     @property
     def relative_u(self) -> float:
-        """Relative standard uncertainty of a length, of scale and temperature."""
-        warm = self.temperature - REFERENCE_TEMPERATURE
+        """Relative standard uncertainty of a length due to scale and temperature."""
+        difference = self.temperature - REFERENCE_TEMPERATURE
         return float(
             np.linalg.norm(
-                [self.scale_u, self.expansion * self.temperature_u, warm * self.expansion_u]
+                [self.scale_u, self.expansion * self.temperature_u, difference * self.expansion_u]
             )
         )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Modes:
+class CalibrationModes:
     """
-    How points move by one standard deviation of each independent cause.
+    Displacement of n points by one standard deviation of each independent calibration error.
 
-    shifts : (causes, n, 3) metres; their squares add up
+    shifts : (k, n, 3) meters; the k errors are independent, so that their squares add up
     """
 
     shifts: Floats
 
-    def of(self, measure: Callable[[Floats], float], points_xyz: Floats) -> float:
-        """Return the standard uncertainty that the causes give what ``measure`` says of points."""
+    def propagate(self, measure: Callable[[Floats], float], points_xyz: Floats) -> float:
+        """Return the standard uncertainty of the quantity ``measure`` of points (n, 3)."""
         value = measure(points_xyz)
-        small = 0.05
-        moves = [(measure(points_xyz + small * shift) - value) / small for shift in self.shifts]
+        moves = [
+            (measure(points_xyz + _MEASURE_STEP * shift) - value) / _MEASURE_STEP
+            for shift in self.shifts
+        ]
         return float(np.linalg.norm(moves)) if moves else 0.0
 
-    def along(self, points_xyz: Floats, normals: Floats, fitted: bool) -> Floats:
+    def along_normals(self, points_xyz: Floats, normals: Floats, fitted: bool) -> Floats:
         """
-        Return (n,) standard uncertainty of the points along their normals.
+        Return the standard uncertainty of points along their normals, (n,) meters.
 
-        fitted : the points were laid onto a nominal, which takes up what moves them as a whole
+        fitted : the points were aligned to a nominal, which absorbs rigid displacements
         """
         if not len(self.shifts):
             return np.zeros(len(points_xyz))
@@ -101,18 +109,19 @@ class Modes:
         return np.asarray(np.linalg.norm(moves, axis=1))
 
 
-def calibration_modes(cell: Cell, points_xyz: Floats, normals: Floats) -> Modes:
+def calibration_modes(cell: Cell, points_xyz: Floats, normals: Floats) -> CalibrationModes:
     """
-    Return how (n, 3) points in ``turntable`` move with the calibration of a cell.
+    Return the displacements of points by the calibration errors of a cell.
 
-    A cell without covariances moves none: then ``shifts`` is (0, n, 3).
+    Without covariances in the cell, ``shifts`` is (0, n, 3).
 
-    normals : (n, 3) of the surface there, which tell from which side a point was seen
+    points_xyz : (n, 3) meters in ``turntable``
+    normals : (n, 3) of the surface, to find the table angles at which the camera saw each point
     """
     shifts = []
     pose = cell.turntable.covariance
     if pose is not None:
-        for direction in _roots(pose):
+        for direction in _principal_deviations(pose):
             T = cell.turntable.camera_from_base
             turn = Rotation.from_rotvec(_STEP * direction[3:]).as_matrix()
             moved = transforms.rigid(turn @ T[:3, :3], T[:3, 3] + _STEP * direction[:3])
@@ -121,7 +130,7 @@ def calibration_modes(cell: Cell, points_xyz: Floats, normals: Floats) -> Modes:
     for index, laser in enumerate(cell.lasers):
         if laser.covariance is None:
             continue
-        for direction in _roots(laser.covariance):
+        for direction in _principal_deviations(laser.covariance):
             normal = laser.normal + _STEP * direction[:3]
             size = np.linalg.norm(normal)
             offset = (laser.offset + _STEP * direction[3]) / size
@@ -129,23 +138,23 @@ def calibration_modes(cell: Cell, points_xyz: Floats, normals: Floats) -> Modes:
             lasers = (*cell.lasers[:index], bent, *cell.lasers[index + 1 :])
             shifts.append(_shift(cell, replace(cell, lasers=lasers), points_xyz, normals))
     if not shifts:
-        return Modes(shifts=np.zeros((0, len(points_xyz), 3)))
-    return Modes(shifts=np.stack(shifts) / _STEP)
+        return CalibrationModes(shifts=np.zeros((0, len(points_xyz), 3)))
+    return CalibrationModes(shifts=np.stack(shifts) / _STEP)
 
 
-def _roots(covariance: Floats) -> Floats:
-    """Return one standard deviation along each principal direction, without those of none."""
+def _principal_deviations(covariance: Floats) -> Floats:
+    """Return standard deviations along the principal directions of a covariance, without zeros."""
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     kept = values > 1e-12 * max(float(values.max()), 0.0)
     return np.asarray((vectors[:, kept] * np.sqrt(values[kept])).T)
 
 
 def _shift(cell: Cell, other: Cell, points: Floats, normals: Floats) -> Floats:
-    """Return where points go when pictures taken with ``cell`` are evaluated with ``other``."""
+    """Return the displacement of points if images of ``cell`` are triangulated with ``other``."""
     total, count = np.zeros(points.shape), np.zeros(len(points))
     for index in range(len(cell.lasers)):
         for angle in _angles(cell, index, points):
-            there, found = _evaluated(cell, other, index, points, angle)
+            there, found = _retriangulated(cell, other, index, points, angle)
             seen = found & _is_seen(cell, points, normals, angle)
             total[seen] += (there - points)[seen]
             count += seen
@@ -153,11 +162,11 @@ def _shift(cell: Cell, other: Cell, points: Floats, normals: Floats) -> Floats:
 
 
 def _angles(cell: Cell, laser: int, points: Floats) -> Floats:
-    """Return (2, n) table angles at which points lie in the plane of a laser; NaN if never."""
+    """Return the table angles (2, n) at which points lie in a laser plane; NaN if never."""
     T = cell.turntable.camera_from_base
-    sheet = cell.lasers[laser]
-    normal = T[:3, :3].T @ sheet.normal
-    offset = sheet.offset + float(sheet.normal @ T[:3, 3]) + normal[2] * points[:, 2]
+    plane = cell.lasers[laser]
+    normal = T[:3, :3].T @ plane.normal
+    offset = plane.offset + float(plane.normal @ T[:3, 3]) + normal[2] * points[:, 2]
     a = normal[0] * points[:, 0] + normal[1] * points[:, 1]
     b = normal[1] * points[:, 0] - normal[0] * points[:, 1]
     size = np.hypot(a, b)
@@ -171,18 +180,18 @@ def _is_seen(cell: Cell, points: Floats, normals: Floats, angle: Floats) -> Bool
     turns = transforms.rotation_z(-np.nan_to_num(angle))
     sight = (turns @ eye[0]) - points
     facing = (sight * normals).sum(axis=1)
-    near = facing > _LEAST_FACING * np.linalg.norm(sight, axis=1)
-    return np.asarray(np.isfinite(angle) & near)
+    faces_camera = facing > _MIN_FACING * np.linalg.norm(sight, axis=1)
+    return np.asarray(np.isfinite(angle) & faces_camera)
 
 
-def _evaluated(
+def _retriangulated(
     cell: Cell, other: Cell, laser: int, points: Floats, angle: Floats
 ) -> tuple[Floats, Bools]:
     turns = transforms.rotation_z(np.nan_to_num(angle))
     base = np.einsum('nij,nj->ni', turns, points)
     camera = transforms.apply(cell.turntable.camera_from_base, base)
     rays = camera / camera[:, 2:]
-    # the difference to the plane of the same laser: a bow moves with it
+    # without the bow of the laser plane: it moves with the plane and cancels
     flat = replace(cell.lasers[laser], bow=None)
     with np.errstate(invalid='ignore', divide='ignore'):
         moved = replace(other.lasers[laser], bow=None).intersect(rays) - flat.intersect(rays)

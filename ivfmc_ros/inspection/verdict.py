@@ -1,10 +1,10 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Pass, fail or not decided, by ISO 14253-1.
+Verdicts by ISO 14253-1: pass, fail or not decided, from deviation, uncertainty and tolerance.
 
-Within a tolerance is only what is within by more than the guard band of the measurement; outside
-is only what is outside by more. In between, the measurement is not good enough to tell.
+Pass: within the tolerance by more than the guard band of the measurement uncertainty. Fail:
+outside by more than the guard band. In between the measurement does not decide.
 """
 
 import numpy as np
@@ -13,10 +13,10 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.validation import require_in_range
 
 PASS, FAIL, NOT_DECIDED = 'pass', 'fail', 'not decided'
-# Guard band for a probability of 95 % on one side, in standard uncertainties.
+# Guard band in standard uncertainties: one-sided probability of 95 % (ISO 14253-1, 2017).
 GUARD = 1.645
-# So many of the vertices may be outside of a surface's tolerance: dust and single outliers.
-_STRAYS = 0.001
+# Fraction of the vertices of a surface that may be outside the tolerance: dust and outliers.
+_MAX_OUTLIERS = 0.001
 
 
 def require_tolerance(tolerance: float) -> None:
@@ -26,9 +26,9 @@ def require_tolerance(tolerance: float) -> None:
 
 def judge(deviation: float, uncertainty: float, tolerance: float) -> str:
     """
-    Judge one figure, for example a diameter less its nominal. All are metres.
+    Return the verdict on one deviation, for example a diameter minus its nominal, meters.
 
-    uncertainty : standard (1 sigma)
+    uncertainty : standard uncertainty (1 sigma)
     """
     guard = GUARD * uncertainty
     if not np.isfinite(deviation + guard):
@@ -39,10 +39,10 @@ def judge(deviation: float, uncertainty: float, tolerance: float) -> str:
 
 
 def judge_surface(deviations: Floats, uncertainty: Floats, tolerance: float) -> str:
-    """Judge (n,) deviations of a surface, each with its standard uncertainty, metres."""
+    """Return the verdict on the deviations (n,) of a surface with standard uncertainties (n,)."""
     size = np.abs(deviations)
     guard = GUARD * np.nan_to_num(uncertainty, nan=np.inf)
-    allowed = _STRAYS * len(size)
+    allowed = _MAX_OUTLIERS * len(size)
     if np.count_nonzero(size > tolerance + guard) > allowed:
         return FAIL
     return PASS if np.count_nonzero(size > tolerance - guard) <= allowed else NOT_DECIDED

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One picture in, one profile out."""
+"""Acquisition of profiles: stripe extraction, triangulation and noise removal for one image."""
 
 from collections.abc import Iterable
 from collections.abc import Sequence
@@ -22,37 +22,37 @@ from ivfmc_ros.model import Image
 from ivfmc_ros.model import Profile
 from ivfmc_ros.stripe import channel
 from ivfmc_ros.stripe import denoise
-from ivfmc_ros.stripe.ambient import lit_by_laser
-from ivfmc_ros.stripe.ambient import of_difference
+from ivfmc_ros.stripe.ambient import noise_of_difference
+from ivfmc_ros.stripe.ambient import subtract_ambient
 from ivfmc_ros.stripe.estimators import DEFAULT
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
 from ivfmc_ros.stripe.extract import Stripe
-from ivfmc_ros.stripe.region import Region
-from ivfmc_ros.stripe.region import stripe_mask
-from ivfmc_ros.stripe.space_time import refine
-from ivfmc_ros.stripe.texture import coloured
+from ivfmc_ros.stripe.roi import RegionOfInterest
+from ivfmc_ros.stripe.roi import stripe_mask
+from ivfmc_ros.stripe.space_time import space_time_profile
+from ivfmc_ros.stripe.texture import with_colors
 from ivfmc_ros.stripe.triangulate import triangulate
 from ivfmc_ros.validation import require_in_range
 
-# A stripe that is narrower than this share of a scan's median may have been cut.
-_NARROW = 0.5
+# A stripe narrower than this fraction of the scan's median width may have been cut by an edge.
+_MIN_WIDTH_FRACTION = 0.5
 
-# Where the usual sigma is more than this share of the stripe's width, the stripe is no bell:
-# 0.04 on metal, 0.1 in heavy speckle, 0.5 on wax.
-_GLOW = 0.25
+# A scan whose median sigma is above this fraction of the stripe's width shows a translucent
+# material. Measured medians: 0.04 on metal, 0.1 in heavy speckle, 0.5 on wax.
+_TRANSLUCENT_SIGMA = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
 class AcquisitionSettings:
     """
-    How profiles are made. Lengths are metres.
+    Settings of the acquisition of profiles. Lengths are meters.
 
-    volume : what lies outside of it is not the part
-    noise_distance : the paper's threshold between neighbours on a stripe
-    noise_least : a piece of the stripe of fewer points is noise
-    space_time : through so many pictures before and after a point is followed, where the angle
-        steps are dense; 0 takes each picture by itself, as a live scan does
+    volume : working volume; points outside of it are dropped
+    noise_distance : largest distance between neighboring points of a stripe (Ismail et al. 2007)
+    noise_least : minimum number of points of a connected stripe segment; shorter ones are noise
+    space_time : number of images before and after that space-time analysis uses, for dense
+        angle steps; 0: each image by itself, as in a live scan
     """
 
     extract: ExtractSettings = field(default_factory=ExtractSettings)
@@ -70,7 +70,7 @@ class AcquisitionSettings:
 
 @dataclass(kw_only=True)
 class AcquisitionCounts:
-    """What became of the stripe points of a scan so far."""
+    """Counts of the images and stripe points of a scan, and of the points dropped per reason."""
 
     pictures: int = 0
     pictures_without_stripe: int = 0
@@ -86,33 +86,35 @@ class AcquisitionCounts:
 
 class Acquisition:
     """
-    Makes the profiles of a scan.
+    Computes the profiles of a scan from its images.
 
-    :raises CellError: a picture has another size than the calibration, or another laser
-    :raises GeometryError: the table angle of a picture is not known
+    The methods raise:
+
+    :raises CellError: the size of an image differs from the calibration, or its laser is unknown
+    :raises GeometryError: the table angle of an image is not finite
     """
 
     def __init__(self, cell: Cell, settings: AcquisitionSettings) -> None:
         self.cell = cell
         masks = (stripe_mask(cell, k, settings.volume) for k in range(len(cell.lasers)))
-        self._regions = [Region.of(mask) for mask in masks]
-        self._given = settings
+        self._regions = [RegionOfInterest.of(mask) for mask in masks]
+        self._initial_settings = settings
         self.settings = settings
         self.counts = AcquisitionCounts()
 
-    def restarted(self) -> 'Acquisition':
-        """Return one for another scan in this cell, without looking for the regions again."""
+    def for_new_scan(self) -> 'Acquisition':
+        """Return a copy for another scan in this cell; the regions of interest are kept."""
         other = copy.copy(self)
-        other.settings = self._given
+        other.settings = self._initial_settings
         other.counts = AcquisitionCounts()
         return other
 
-    def prepare(self, frames: Iterable[Frame]) -> None:
+    def resolve_auto_settings(self, frames: Iterable[Frame]) -> None:
         """
-        Decide by some pictures what the settings leave open.
+        Resolve the settings that are ``auto`` or None from sample images of the scan.
 
-        These are the colours that measure the stripe, whether the material glows, and how narrow
-        the stripe can be.
+        These are the color channel, the estimator (translucent material or not) and the least
+        width of the stripe.
         """
         frames = list(frames)
         extraction = self.settings.extract
@@ -120,19 +122,19 @@ class Acquisition:
             chosen = channel.unclipped_channel(self._masked(frame) for frame in frames)
             extraction = replace(extraction, channel=chosen)
         if extraction.method == 'auto':
-            glows = self._glows(frames, extraction)
-            extraction = replace(extraction, method='top_of_peak' if glows else DEFAULT)
+            translucent = self._is_translucent(frames, extraction)
+            extraction = replace(extraction, method='top_of_peak' if translucent else DEFAULT)
         if extraction.least_width is None:
             extraction = replace(extraction, least_width=self._least_width(frames, extraction))
         self.settings = replace(self.settings, extract=extraction)
 
-    def _glows(self, frames: Sequence[Frame], settings: ExtractSettings) -> bool:
-        """Tell whether what the stripe looks like leaves its place in doubt nearly everywhere."""
-        lenient = replace(settings, method=DEFAULT, max_doubt=50.0, max_error=50.0)
+    def _is_translucent(self, frames: Sequence[Frame], settings: ExtractSettings) -> bool:
+        """Tell whether the median uncertainty of the position shows a translucent material."""
+        lenient = replace(settings, method=DEFAULT, max_uncertainty=50.0, max_error=50.0)
         found = [self._extract(frame, lenient) for frame in frames]
-        doubts = [np.zeros(0), *(stripe.sigma / stripe.width for stripe in found)]
-        doubt = np.concatenate(doubts)
-        return bool(len(doubt) and np.median(doubt) > _GLOW)
+        parts = [np.zeros(0), *(stripe.sigma / stripe.width for stripe in found)]
+        relative_sigma = np.concatenate(parts)
+        return bool(len(relative_sigma) and np.median(relative_sigma) > _TRANSLUCENT_SIGMA)
 
     def _least_width(self, frames: Sequence[Frame], settings: ExtractSettings) -> float | None:
         widths = np.concatenate(
@@ -140,13 +142,13 @@ class Acquisition:
         )
         if not len(widths):
             return None
-        return float(np.clip(_NARROW * np.median(widths), 0.1, 50.0))
+        return float(np.clip(_MIN_WIDTH_FRACTION * np.median(widths), 0.1, 50.0))
 
     def _extract(self, frame: Frame, settings: ExtractSettings) -> Stripe:
         direction = self.cell.lasers[frame.laser].stripe
         if frame.dark is not None:
-            settings = replace(settings, noise=of_difference(settings.noise))
-        return extract(lit_by_laser(frame), direction, settings, self._regions[frame.laser])
+            settings = replace(settings, noise=noise_of_difference(settings.noise))
+        return extract(subtract_ambient(frame), direction, settings, self._regions[frame.laser])
 
     def profile(
         self,
@@ -155,46 +157,56 @@ class Acquisition:
         around: Sequence[Frame] = (),
     ) -> Profile:
         """
-        Extract, triangulate and denoise the stripe of a picture.
+        Extract, triangulate and denoise the stripe of an image.
 
-        texture : the picture of the same table angle with all lasers off, for colours
-        around : pictures of its sweep, it among them, through which its points are followed
+        texture : image at the same table angle with all lasers off, for the colors of the points
+        around : consecutive frames of the sweep, ``frame`` among them, for space-time analysis;
+            empty: the frame alone is used
         """
         self.require_usable(frame)
         settings = self.settings
         stripe = self._extract(frame, settings.extract)
         if around:
-            whole = refine(self.cell, around, around.index(frame), stripe, settings.extract)
+            triangulated = space_time_profile(
+                self.cell, around, around.index(frame), stripe, settings.extract
+            )
         else:
-            whole = triangulate(self.cell, frame, stripe)
-        inside = np.flatnonzero(settings.volume.contains(whole.points_xyz))
-        points = whole.points_xyz[inside]
-        clean = denoise.near_neighbours(points, settings.noise_distance, settings.noise_least)
+            triangulated = triangulate(self.cell, frame, stripe)
+        inside = np.flatnonzero(settings.volume.contains(triangulated.points_xyz))
+        points = triangulated.points_xyz[inside]
+        clean = denoise.filter_by_neighbor_distance(
+            points, settings.noise_distance, settings.noise_least
+        )
         self.counts.pictures += 1
         self.counts.pictures_without_stripe += not clean.any()
         self.counts.stripe_points += len(stripe)
-        self.counts.unconfirmed += len(stripe) - len(whole)
-        self.counts.outside_volume += len(whole) - len(inside)
+        self.counts.unconfirmed += len(stripe) - len(triangulated)
+        self.counts.outside_volume += len(triangulated) - len(inside)
         self.counts.noise += int(np.count_nonzero(~clean))
-        profile = denoise.keep(whole, inside[clean])
-        return profile if texture is None else coloured(profile, texture)
+        profile = denoise.select_points(triangulated, inside[clean])
+        return profile if texture is None else with_colors(profile, texture)
 
     def _masked(self, frame: Frame) -> Image:
-        """Return what can be stripe, turned so that there is one stripe point a row."""
+        """Return the region of interest, transposed so that there is one stripe point per row."""
         self.require_usable(frame)
         mask = self._regions[frame.laser].mask > 0
-        image = lit_by_laser(frame) * (mask if frame.image.ndim == 2 else mask[..., None])
+        image = subtract_ambient(frame) * (mask if frame.image.ndim == 2 else mask[..., None])
         by_row = self.cell.lasers[frame.laser].stripe == 'rows'
         return image if by_row else np.swapaxes(image, 0, 1)
 
     def require_usable(self, frame: Frame) -> None:
-        """Refuse a picture that does not belong to the cell."""
-        where = f'picture {frame.seq}'
-        self.cell.camera.require_image(frame.image.shape, where)
+        """
+        Check that a frame fits the cell.
+
+        :raises CellError: the size of the image differs from the calibration, or unknown laser
+        :raises GeometryError: the table angle is not finite
+        """
+        where = f'image {frame.seq}'
+        self.cell.camera.require_image_size(frame.image.shape, where)
         if not 0 <= frame.laser < len(self.cell.lasers):
             raise CellError(
-                f'{where}: shows laser {frame.laser}, the cell has {len(self.cell.lasers)}; '
-                'use the cell that the scan was made in'
+                f'{where}: laser index {frame.laser}, the cell has {len(self.cell.lasers)}; '
+                'use the cell.yaml of the scan'
             )
         if not math.isfinite(frame.angle):
-            raise GeometryError(f'{where}: the table angle is {frame.angle}, not a number')
+            raise GeometryError(f'{where}: the table angle is {frame.angle}, must be finite')

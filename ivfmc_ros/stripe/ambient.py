@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Takes from a picture what is in it without the laser."""
+"""Ambient light subtraction: the image with the laser on minus the one with the lasers off."""
 
 from dataclasses import replace
 import math
@@ -11,15 +11,14 @@ import numpy as np
 
 from ivfmc_ros.model import Frame
 from ivfmc_ros.model import Image
-from ivfmc_ros.stripe.noise import Noise
+from ivfmc_ros.stripe.noise import SensorNoise
 
 
-def lit_by_laser(frame: Frame) -> Image:
+def subtract_ambient(frame: Frame) -> Image:
     """
-    Return the picture of a frame less its dark one; as it is, where there is none.
+    Return the image of a frame minus its dark image; unchanged if the frame has none.
 
-    A pixel at full scale stays there: what is left of a clipped one measures nothing, and has to
-    be known as clipped.
+    A saturated pixel keeps the full-scale value, so that later steps still see it as saturated.
     """
     if frame.dark is None:
         return frame.image
@@ -30,7 +29,7 @@ def lit_by_laser(frame: Frame) -> Image:
     return difference  # type: ignore[no-any-return]
 
 
-def of_difference(noise: Noise | None) -> Noise:
-    """Return the noise of such a difference: both pictures were read."""
-    noise = noise or Noise()
+def noise_of_difference(noise: SensorNoise | None) -> SensorNoise:
+    """Return the noise model of the difference: read noise of both images, sqrt(2) times one."""
+    noise = noise or SensorNoise()
     return replace(noise, read=math.sqrt(2.0) * noise.read)

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Points that are no surface."""
+"""Noise removal along a stripe by the distance of neighboring points (Ismail et al. 2007)."""
 
 from dataclasses import replace
 
@@ -12,27 +12,28 @@ from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Profile
 
 
-def near_neighbours(points_xyz: Floats, threshold: float, least: int = 3) -> Bools:
+def filter_by_neighbor_distance(points_xyz: Floats, threshold: float, least: int = 3) -> Bools:
     """
-    Tell which points (n, 3) along a stripe are no noise.
+    Return a mask of the points that belong to a long enough segment of the stripe.
 
-    The paper's criterion (Ismail et al. 2007): the stripe is followed from point to point; where
-    the distance to the next one exceeds the threshold the stripe is broken, and a piece of fewer
-    than ``least`` points is noise.
+    The stripe is split where the distance between consecutive points exceeds the threshold;
+    segments with fewer than ``least`` points are noise (Ismail et al. 2007).
 
-    threshold : metres
-    returns : (n,) bool
+    points_xyz : (n, 3) meters, in order along the stripe
+    threshold : meters
+    least : points
+    returns : (n,) bool, False for noise
     """
     if len(points_xyz) == 0:
         return np.zeros(0, dtype=bool)
     steps = np.diff(points_xyz, axis=0)
-    apart = (steps * steps).sum(axis=1) > threshold**2
-    piece = np.concatenate([[0], np.cumsum(apart)])
-    return np.asarray(np.bincount(piece)[piece] >= least)
+    is_break = (steps * steps).sum(axis=1) > threshold**2
+    segment = np.concatenate([[0], np.cumsum(is_break)])
+    return np.asarray(np.bincount(segment)[segment] >= least)
 
 
-def keep(profile: Profile, chosen: Bools | Ints) -> Profile:
-    """Return the profile with only the chosen points, (n,) bool or their indices."""
+def select_points(profile: Profile, chosen: Bools | Ints) -> Profile:
+    """Return the profile with the chosen points only; a (n,) bool mask or (k,) indices."""
     return replace(
         profile,
         points_xyz=profile.points_xyz[chosen],

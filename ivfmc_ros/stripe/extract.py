@@ -1,10 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Where the stripe is: one sub-pixel position in every row of a picture that shows it.
+Extraction of a laser stripe from an image: one sub-pixel position per image row (or column).
 
-Peaks that stand out of the noise are found in every row, where a row has several the path along
-the stripe decides, and the place of the chosen one is estimated from the pixels around it.
+Peaks above the noise are detected in every row (``peaks``), one peak per row is selected by a
+minimum-cost path along the stripe (``path_search``), and its position is estimated from the
+pixels around it (``estimators``). ``quality`` adds the uncertainty of a non-Gaussian profile.
 """
 
 from collections.abc import Iterator
@@ -23,64 +24,64 @@ from ivfmc_ros.stripe import path_search
 from ivfmc_ros.stripe import peaks
 from ivfmc_ros.stripe import quality
 from ivfmc_ros.stripe import smoothing
-from ivfmc_ros.stripe.estimators import BLUNT
+from ivfmc_ros.stripe.cropped_image import CroppedImage
 from ivfmc_ros.stripe.estimators import DEFAULT
 from ivfmc_ros.stripe.estimators import METHODS
-from ivfmc_ros.stripe.estimators.patches import Estimate
+from ivfmc_ros.stripe.estimators import NOISE_INDEPENDENT
 from ivfmc_ros.stripe.estimators.patches import Patches
-from ivfmc_ros.stripe.noise import Noise
-from ivfmc_ros.stripe.region import Region
-from ivfmc_ros.stripe.roi import Part
+from ivfmc_ros.stripe.estimators.patches import PeakEstimate
+from ivfmc_ros.stripe.noise import SensorNoise
+from ivfmc_ros.stripe.roi import RegionOfInterest
 from ivfmc_ros.stripe.settings import ExtractSettings
 from ivfmc_ros.stripe.stripe import Stripe
 
 __all__ = ['ExtractSettings', 'Stripe', 'extract']
 
-# A smoothed peak must rise by so many sigmas of the picture's noise to be looked at.
-_LOOK = 4.0
-# A second one in the row must be beyond doubt, for every row has one in its noise.
-_LOOK_AGAIN = 7.0
-# Rows whose stripe is wider than this many medians are measured apart, in a wider patch.
-_USUAL = 1.4
-# ... if that saves so many pixels: estimating twice costs the time of as many.
-_APART = 15_000
-# A rough width of more than so many of its neighbours' is not believed.
-_MERGED = 1.3
-# What is left of a row without its stripe must be less than this share of the stripe.
-_LIKE_A_STRIPE = 3.0
-# So many sigmas of a stripe, left and right, must be on the picture.
-_WHOLE = 2.2
+# Detection threshold of the first peak of a row, in sigmas of the smoothed image noise.
+_FIRST_PEAK_SNR = 4.0
+# The same for further peaks; higher, because a row of a thousand pixels has a 4 sigma noise peak.
+_FURTHER_PEAK_SNR = 7.0
+# Peaks wider than this multiple of the median width are estimated separately, in wider patches,
+_WIDE_FACTOR = 1.4
+# if that saves this many pixels: a second run of the estimator costs as much time.
+_MIN_SAVED_PIXELS = 15_000
+# A detected width above this multiple of its neighbors' median has merged with a second peak.
+_MERGED_FACTOR = 1.3
+# Minimum ratio of the estimated signal-to-noise ratio to the misfit of the Gaussian.
+_MIN_SNR_PER_MISFIT = 3.0
+# Sigmas of the stripe to each side that must lie inside the image; a cut stripe is biased.
+_BORDER_MARGIN = 2.2
 
 
 def extract(
     image: Image,
     stripe: Direction = 'rows',
     settings: ExtractSettings | None = None,
-    region: Region | None = None,
+    region: RegionOfInterest | None = None,
 ) -> Stripe:
     """
-    Find the stripe in a picture.
+    Extract the stripe from an image.
 
     image : (h, w) mono or (h, w, 3) BGR, uint8 or uint16
     stripe : 'rows' for one point in every row, 'columns' for one in every column
-    region : where the stripe can be; None for everywhere
-    returns : without rows that have no stripe, or one that the picture's border cuts
+    region : region of interest; None for the whole image
+    returns : (n,) points; rows without a stripe, or with one cut by the image border, are absent
     """
     settings = settings or ExtractSettings()
-    part = Part.of(image, stripe, settings, region)
-    rows, u, estimate = _estimates(part, settings)
+    crop = CroppedImage.of(image, stripe, settings, region)
+    rows, u, estimate = _estimates(crop, settings)
     sigma = estimate.sigma
-    known = np.zeros_like(sigma) if settings.method in BLUNT else sigma
-    kept = known <= settings.max_error
+    noise_sigma = np.zeros_like(sigma) if settings.method in NOISE_INDEPENDENT else sigma
+    kept = noise_sigma <= settings.max_error
     if len(rows):
         kept &= estimate.width <= settings.max_widening * np.median(estimate.width)
-    if settings.doubt:
-        doubt = quality.doubt(rows, u, estimate, settings.least_width)
-        sigma = np.hypot(sigma, doubt)
-        kept &= np.hypot(known, doubt) <= settings.max_doubt * estimate.width
+    if settings.shape_uncertainty:
+        shape = quality.shape_uncertainty(rows, u, estimate, settings.least_width)
+        sigma = np.hypot(sigma, shape)
+        kept &= np.hypot(noise_sigma, shape) <= settings.max_uncertainty * estimate.width
     if settings.along and len(rows):
         u, sigma = smoothing.smooth(rows, u, sigma, settings.along)
-    u, rows = u + part.first[1], rows + part.first[0]
+    u, rows = u + crop.first[1], rows + crop.first[0]
     found = Stripe(
         uv=np.stack([u, rows] if stripe == 'rows' else [rows, u], axis=1),
         intensity=estimate.height,
@@ -90,80 +91,86 @@ def extract(
     return found[kept]
 
 
-def _estimates(part: Part, settings: ExtractSettings) -> tuple[Ints, Floats, Estimate]:
-    """Return rows (ascending), columns and estimates of all in the part that is a stripe."""
-    parts = [
-        _estimate(rows, patches, part, settings)
-        for rows, patches in stripe_patches(part, settings)
+def _estimates(crop: CroppedImage, settings: ExtractSettings) -> tuple[Ints, Floats, PeakEstimate]:
+    """Return the rows (ascending), columns and estimates of all accepted peaks of a crop."""
+    groups = [
+        _estimate(rows, patches, crop, settings)
+        for rows, patches in stripe_patches(crop, settings)
     ]
-    if not parts:
+    if not groups:
         none = np.zeros(0)
-        return none.astype(np.int64), none, Estimate(*[none] * len(fields(Estimate)))
-    if len(parts) == 1:
-        return parts[0]
-    rows, u = (np.concatenate(arrays) for arrays in list(zip(*parts, strict=True))[:2])
+        return none.astype(np.int64), none, PeakEstimate(*[none] * len(fields(PeakEstimate)))
+    if len(groups) == 1:
+        return groups[0]
+    rows, u = (np.concatenate(arrays) for arrays in list(zip(*groups, strict=True))[:2])
     order = np.argsort(rows)
-    return rows[order], u[order], Estimate.joined([found[2] for found in parts])[order]
+    return rows[order], u[order], PeakEstimate.concatenated([found[2] for found in groups])[order]
 
 
 def _estimate(
-    rows: Ints, patches: Patches, part: Part, settings: ExtractSettings
-) -> tuple[Ints, Floats, Estimate]:
+    rows: Ints, patches: Patches, crop: CroppedImage, settings: ExtractSettings
+) -> tuple[Ints, Floats, PeakEstimate]:
     method = DEFAULT if settings.method == 'auto' else settings.method
-    estimate = METHODS[method](patches, settings.noise or Noise())
-    u = patches.column + estimate.place
-    # a stripe that the picture's border cuts is measured off its centre
-    half = _WHOLE * estimate.width
+    estimate = METHODS[method](patches, settings.noise or SensorNoise())
+    u = patches.column + estimate.position
+    # the border of the image cuts the stripe and biases its position
+    half = _BORDER_MARGIN * estimate.width
     good = _is_stripe(patches, estimate, settings)
-    left, right = -part.first[1] - 0.5, part.columns - part.first[1] - 0.5
+    left, right = -crop.first[1] - 0.5, crop.columns - crop.first[1] - 0.5
     good &= (u - half >= left) & (u + half <= right)
     if good.all():
         return rows, u, estimate
     return rows[good], u[good], estimate[good]
 
 
-def stripe_patches(part: Part, settings: ExtractSettings) -> Iterator[tuple[Ints, Patches]]:
+def stripe_patches(
+    crop: CroppedImage, settings: ExtractSettings
+) -> Iterator[tuple[Ints, Patches]]:
     """
-    Give the surroundings of the stripe's peak in every row that has one, narrow stripes first.
+    Yield patches around the selected peak of every row that has one, narrow peaks first.
 
-    yields : (n,) rows of the part, and their patches
+    yields : (n,) rows of the crop, and their patches
     """
-    noise = part.scale * part.noise / np.sqrt(settings.smoothing)
+    noise = crop.scale * crop.noise / np.sqrt(settings.smoothing)
     least = 0.5 * settings.min_contrast * 255.0
-    search = peaks.Search(
+    search = peaks.PeakSearch(
         box=settings.smoothing,
-        threshold=max(least, _LOOK * noise),
-        rival=max(least, _LOOK_AGAIN * noise),
+        threshold=max(least, _FIRST_PEAK_SNR * noise),
+        further_threshold=max(least, _FURTHER_PEAK_SNR * noise),
         max_sigma=settings.max_sigma,
-        dark=part.scale * part.dark,
+        dark=crop.scale * crop.dark,
     )
-    candidates = peaks.find(part.grey, part.scale, search, part.mask)
-    index = path_search.choose(candidates) if settings.path else path_search.brightest(candidates)
+    candidates = peaks.find_peaks(crop.gray, crop.scale, search, crop.mask)
+    index = (
+        path_search.select_peaks(candidates)
+        if settings.path
+        else path_search.highest_peaks(candidates)
+    )
     rows = np.flatnonzero(index >= 0)
-    chosen = _steadied(candidates[rows, index[rows]])
-    limits = _valleys(candidates, rows, chosen)
+    chosen = _with_limited_width(candidates[rows, index[rows]])
+    limits = _midpoints(candidates, rows, chosen)
     for group in _by_width(chosen.width, settings):
         within = None if limits is None else limits[group]
-        where = part.grey, part.scale, rows[group]
+        where = crop.gray, crop.scale, rows[group]
         yield rows[group], Patches.cut(*where, chosen[group], settings.window, within)
 
 
-def _steadied(chosen: peaks.Peaks) -> peaks.Peaks:
-    """Return peaks none of which is much wider than those around: it has merged with a ghost."""
-    usual = quality.usual_width(chosen.width)
-    return replace(chosen, width=np.minimum(chosen.width, _MERGED * usual))
+def _with_limited_width(chosen: peaks.Peaks) -> peaks.Peaks:
+    """Limit detected widths to a multiple of the median around them."""
+    median = quality.median_width(chosen.width)
+    return replace(chosen, width=np.minimum(chosen.width, _MERGED_FACTOR * median))
 
 
-def _valleys(candidates: peaks.Peaks, rows: Ints, chosen: peaks.Peaks) -> Floats | None:
-    """Return the columns half way to the next peaks, left and right, (n, 2); None if no rivals."""
+def _midpoints(candidates: peaks.Peaks, rows: Ints, chosen: peaks.Peaks) -> Floats | None:
+    """Return the columns halfway to the next peaks, left and right, (n, 2); None without any."""
     others = candidates.found[:, 1:]
     if not others.any():
         return None
     rivals = np.flatnonzero(others[rows].any(axis=1))
     limits = np.tile([-np.inf, np.inf], (len(rows), 1))
-    near = candidates[rows[rivals]]
+    selected = candidates[rows[rivals]]
     middle = chosen.column[rivals, None]
-    half = np.where(near.found, 0.5 * (near.column + middle), np.nan)
+    half = np.where(selected.found, 0.5 * (selected.column + middle), np.nan)
     with np.errstate(invalid='ignore'):
         left = np.where(half < middle, half, -np.inf)
         right = np.where(half > middle, half, np.inf)
@@ -172,24 +179,24 @@ def _valleys(candidates: peaks.Peaks, rows: Ints, chosen: peaks.Peaks) -> Floats
 
 
 def _by_width(width: Singles, settings: ExtractSettings) -> list[Ints]:
-    """Sort peaks into usual and wide ones, where a few wide ones cost all a wide patch."""
+    """Split peaks into normal and wide ones if few wide ones would enlarge all patches."""
     if not len(width):
         return []
-    usual = np.partition(width, len(width) // 2)[len(width) // 2]
-    possible = width <= settings.max_widening * usual
-    narrow = width <= _USUAL * usual
+    median = np.partition(width, len(width) // 2)[len(width) // 2]
+    possible = width <= settings.max_widening * median
+    narrow = width <= _WIDE_FACTOR * median
     extra = width[possible].max() - width[narrow].max()
-    if 2.0 * settings.window * extra * np.count_nonzero(narrow) <= _APART:
+    if 2.0 * settings.window * extra * np.count_nonzero(narrow) <= _MIN_SAVED_PIXELS:
         return [np.flatnonzero(possible)]
     return [np.flatnonzero(narrow), np.flatnonzero(possible & ~narrow)]
 
 
-def _is_stripe(patches: Patches, estimate: Estimate, settings: ExtractSettings) -> Bools:
-    # NaN fits nowhere
+def _is_stripe(patches: Patches, estimate: PeakEstimate, settings: ExtractSettings) -> Bools:
+    # comparisons with NaN are false
     return np.asarray(
         (estimate.snr >= settings.min_snr)
-        & (estimate.snr >= _LIKE_A_STRIPE * estimate.misfit)
+        & (estimate.snr >= _MIN_SNR_PER_MISFIT * estimate.misfit)
         & (estimate.height >= settings.min_contrast * 255.0)
         & (estimate.width <= settings.max_sigma)
-        & (estimate.moved <= 1.5 * patches.rough.width + 1.0)
+        & (estimate.midpoint_distance <= 1.5 * patches.rough.width + 1.0)
     )

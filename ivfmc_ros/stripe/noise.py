@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How noisy a pixel is."""
+"""Noise model of a camera pixel: read noise, shot noise and laser speckle."""
 
 from dataclasses import dataclass
 import math
@@ -14,18 +14,18 @@ from ivfmc_ros.validation import require_in_range
 
 Values = TypeVar('Values', Floats, Singles)
 
-# Least variance: a grey value is a whole number.
-_ROUNDING = 1.0 / 12.0
+# DN^2, minimum variance: quantization to whole gray values.
+_QUANTIZATION = 1.0 / 12.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Noise:
+class SensorNoise:
     """
-    Variance of a pixel: read^2 + I / electrons_per_dn + (speckle I_laser)^2.
+    Noise model of a pixel: variance = read^2 + I / electrons_per_dn + (speckle I_laser)^2.
 
-    read : read noise in grey values, rounding to whole ones included
-    electrons_per_dn : electrons that raise a pixel by one grey value (shot noise); may be inf
-    speckle : contrast of the laser's speckle as the camera sees it, a share of the signal
+    read : DN, read noise (1 sigma), quantization included
+    electrons_per_dn : electrons per gray value (shot noise); inf for no shot noise
+    speckle : contrast of the laser speckle, standard deviation as a fraction of the signal
     """
 
     read: float = 2.0
@@ -39,14 +39,14 @@ class Noise:
 
     def variance(self, total: Values, laser: Values) -> Values:
         """
-        Return the variance of pixels, in squared grey values, in the type of ``total``.
+        Return the variance of pixels in DN^2, with the shape and dtype of ``total``.
 
-        total : grey values as read
-        laser : the part of it that the laser gave
+        total : gray values (DN)
+        laser : contribution of the laser to ``total`` (DN)
         """
         variance = self.speckle * laser
         variance *= variance
-        variance += max(self.read**2, _ROUNDING)
+        variance += max(self.read**2, _QUANTIZATION)
         if math.isfinite(self.electrons_per_dn):
             variance += np.maximum(total, 0.0) * (1.0 / self.electrons_per_dn)
         return variance

@@ -1,11 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What stands out in the rows of a picture: up to three peaks a row, roughly measured.
+Peak detection in the rows of an image: up to three peaks per row with column, width and height.
 
-The rows are smoothed by a short box. The strongest peak is measured at offsets that grow
-geometrically, then it is blanked and the row is searched again. Only rows with a second peak
-that could be a stripe are searched for a third.
+The rows are smoothed by a box filter. The highest peak is measured at offsets that grow
+geometrically, then it is set to zero and the row is searched again. Only rows whose second peak
+is above the threshold are searched for a third.
 """
 
 from dataclasses import dataclass
@@ -24,31 +24,37 @@ from ivfmc_ros.model import Image
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
 
+# Peaks per row at rank: the stripe, and two reflections or stripes of another surface.
 CANDIDATES = 3
 
 FWHM_PER_SIGMA = 2.0 * np.sqrt(2.0 * np.log(2.0))
 
-# Steps away from a peak at which it is measured: dense at the peak, wide at the background.
-_STEPS = np.array([0, 1, 2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64, 85, 113, 150])
-# Beyond so many sigmas of a peak another one may begin.
-_BLANK = 3.0
-# What is wider than so many of the widest stripe's sigmas, to each side, is glow.
-_GLOW = 2.0
-# A second peak below this share of the first is part of the first one's surroundings.
-_RIVAL = 0.1
+# Offsets in pixels at which a peak is sampled: dense at the peak, sparse at the background.
+_OFFSETS = np.array([0, 1, 2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64, 85, 113, 150])
+# Half width of the interval that is set to zero around a found peak, in sigmas of a wide peak.
+_BLANKED_SIGMAS = 3.0
+# Half width of the morphological opening that estimates a broad background, in ``max_sigma``.
+_BACKGROUND_SIGMAS = 2.0
+# A further peak below this fraction of the highest one is a side lobe of it.
+_MIN_HEIGHT_RATIO = 0.1
+# Half width of the level search to each side of a peak, in ``max_sigma``.
+_SAMPLED_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class Peaks:
     """
-    Peaks of rows, in grey values of 0 to 255; arrays (rows,) or (rows, candidates).
+    Peaks of the rows of an image, gray values scaled to 0 to 255.
 
-    column : int64, of the smoothed maximum
-    middle : float32, between where it falls to half its height, from ``column``
-    width : float32, sigma in pixels; NaN where there is no peak
-    height : float32, above the higher of its two sides
-    level : float32, of its lower side
-    top : float32, brightness
+    All arrays are (rows,) or (rows, candidates).
+
+    column : int64, pixels, column of the smoothed maximum
+    middle : float32, pixels from ``column`` to the midpoint between the half-height crossings
+    width : float32, pixels, sigma of a Gaussian of the same full width at half maximum; NaN where
+        there is no peak
+    height : float32, above the brighter of the backgrounds of both sides
+    level : float32, the darker of these backgrounds
+    top : float32, gray value of the smoothed maximum
     """
 
     column: Ints
@@ -60,60 +66,61 @@ class Peaks:
 
     @property
     def found(self) -> Bools:
-        """Where there is a peak."""
+        """Mask of the entries that hold a peak."""
         return np.isfinite(self.width)
 
     def __getitem__(self, chosen: Any) -> 'Peaks':
         return Peaks(*(array[chosen] for array in self.arrays()))
 
     def arrays(self) -> tuple[NDArray[Any], ...]:
-        """Return all there is, in order."""
+        """Return all arrays in the order of the constructor."""
         return self.column, self.middle, self.width, self.height, self.level, self.top
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
+class PeakSearch:
     """
-    How peaks are looked for.
+    Parameters of the peak detection. Gray values are scaled to 0 to 255.
 
-    box : width in pixels of the box that smooths rows; odd
-    threshold : least height of the first peak of a row, grey values of 0 to 255
-    rival : least height of others
-    max_sigma : a peak wider than this (sigma, pixels) is none
-    dark : brightness of the picture where nothing is lit, grey values of 0 to 255
+    box : pixels, odd; width of the box filter along rows
+    threshold : minimum height of the first peak of a row
+    further_threshold : minimum height of further peaks
+    max_sigma : pixels; peaks with a larger sigma are rejected
+    dark : gray value of unlit pixels of the image
     """
 
     box: int
     threshold: float
-    rival: float
+    further_threshold: float
     max_sigma: float
     dark: float = 0.0
 
 
-def measured_at(max_sigma: float) -> Ints:
-    """Return the steps (pixels) away from a peak at which it is measured, to each side."""
-    return _STEPS[: 1 + np.searchsorted(_STEPS, 3.0 * max_sigma)]
+def sample_offsets(max_sigma: float) -> Ints:
+    """Return the offsets (pixels) from a peak at which it is sampled, to each side."""
+    return _OFFSETS[: 1 + np.searchsorted(_OFFSETS, _SAMPLED_SIGMAS * max_sigma)]
 
 
-def find(grey: Image, scale: float, search: Search, mask: Bytes | None) -> Peaks:
+def find_peaks(gray: Image, scale: float, search: PeakSearch, mask: Bytes | None) -> Peaks:
     """
-    Return the peaks of every row, (rows, 3), the strongest first.
+    Return the peaks of every row, (rows, ``CANDIDATES``), the highest first.
 
-    grey : (rows, columns); times ``scale`` it is in grey values of 0 to 255
-    mask : (rows, columns) uint8, 255 where peaks may be, else 0
+    gray : (rows, columns) uint8 or uint16
+    scale : factor from ``gray`` to gray values of 0 to 255
+    mask : (rows, columns) uint8, 255 where peaks may be, else 0; None for everywhere
     """
-    smooth = cast(Image, cv2.blur(grey, (search.box, 1), borderType=cv2.BORDER_REPLICATE))
+    smooth = cast(Image, cv2.blur(gray, (search.box, 1), borderType=cv2.BORDER_REPLICATE))
     left = _masked(smooth, mask)
-    height = len(grey)
+    height = len(gray)
     rows = np.arange(height)
     first = _measure(smooth, scale, search, rows, left.argmax(axis=1))
-    glowing = _glowing(search, first)
-    if len(glowing):
-        left[glowing] = _without_glow(left[glowing], search)
-        again = _measure(smooth, scale, search, glowing, left[glowing].argmax(axis=1))
-        again.width[again.height < search.rival] = np.nan
+    broad_rows = _rows_with_broad_light(search, first)
+    if len(broad_rows):
+        left[broad_rows] = _top_hat(left[broad_rows], search)
+        again = _measure(smooth, scale, search, broad_rows, left[broad_rows].argmax(axis=1))
+        again.width[again.height < search.further_threshold] = np.nan
         for array, values in zip(first.arrays(), again.arrays(), strict=True):
-            array[glowing] = values
+            array[broad_rows] = values
     column = np.zeros((CANDIDATES, height), dtype=np.int64)
     rest = np.full((5, CANDIDATES, height), np.nan, dtype=np.float32)
     _store(column, rest, 0, slice(None), first)
@@ -121,42 +128,44 @@ def find(grey: Image, scale: float, search: Search, mask: Bytes | None) -> Peaks
     last = first
     for k in range(1, CANDIDATES):
         _blank(left, last)
-        least = last.level + np.maximum(search.rival, _RIVAL * strongest)
-        # where the maximum is takes three times as long to find as what it is
+        least = last.level + np.maximum(search.further_threshold, _MIN_HEIGHT_RATIO * strongest)
+        # max is three times as fast as argmax: argmax only where a peak is possible
         lit = np.flatnonzero(scale * left.max(axis=1) > least)
         if not len(lit):
             break
         rows, left, strongest = rows[lit], left[lit], strongest[lit]
         last = _measure(smooth, scale, search, rows, left.argmax(axis=1))
-        # what lies beside a blanked peak and falls from there is still that peak
-        genuine = last.found & (last.height >= np.maximum(search.rival, _RIVAL * strongest))
-        _store(column, rest, k, rows[genuine], last[genuine])
+        # a flank of the previous peak outside the blanked interval has no height of its own
+        is_peak = last.found & (
+            last.height >= np.maximum(search.further_threshold, _MIN_HEIGHT_RATIO * strongest)
+        )
+        _store(column, rest, k, rows[is_peak], last[is_peak])
     return Peaks(column.T, *rest.transpose(0, 2, 1))
 
 
 def _masked(smooth: Image, mask: Bytes | None) -> Image:
-    """Return a copy that is dark outside of the mask."""
+    """Return a copy that is zero outside of the mask."""
     if mask is None:
         return smooth.copy()
-    # the bits of a mask of bytes are all set; this takes a fourth of the time of a masked copy
+    # bitwise and with 255 takes a quarter of the time of a masked copy
     if smooth.dtype == np.uint8:
         return cast(Image, cv2.bitwise_and(smooth, mask))
     return cast(Image, cv2.bitwise_and(smooth, smooth, mask=mask))
 
 
-def _glowing(search: Search, first: Peaks) -> Ints:
-    """Return rows that are bright over more than a stripe, whose texture would hide a stripe."""
+def _rows_with_broad_light(search: PeakSearch, first: Peaks) -> Ints:
+    """Return rows with a bright area wider than a stripe, whose texture would hide the stripe."""
     top = first.top - search.dark
-    # its brighter side, not far away
+    # top - height is the background of the brighter side
     broad = ~first.found | (top - first.height > 0.5 * top)
-    return np.flatnonzero(broad & (top >= 2.0 * search.rival))
+    return np.flatnonzero(broad & (top >= 2.0 * search.further_threshold))
 
 
-def _without_glow(smooth: Image, search: Search) -> Image:
-    """Return rows without what is wider than a stripe, in which many peaks would be found."""
-    size = 2 * int(_GLOW * search.max_sigma) + 1
-    ground = cv2.morphologyEx(smooth, cv2.MORPH_OPEN, np.ones((1, size), dtype=np.uint8))
-    return cast(Image, cv2.subtract(smooth, ground))
+def _top_hat(smooth: Image, search: PeakSearch) -> Image:
+    """Subtract structures wider than a stripe (white top-hat transform along rows)."""
+    size = 2 * int(_BACKGROUND_SIGMAS * search.max_sigma) + 1
+    background_image = cv2.morphologyEx(smooth, cv2.MORPH_OPEN, np.ones((1, size), dtype=np.uint8))
+    return cast(Image, cv2.subtract(smooth, background_image))
 
 
 def _store(column: Ints, rest: Singles, k: int, rows: Ints | slice, peaks: Peaks) -> None:
@@ -166,59 +175,59 @@ def _store(column: Ints, rest: Singles, k: int, rows: Ints | slice, peaks: Peaks
 
 
 def _blank(smooth: Image, peaks: Peaks) -> None:
-    """Make the surroundings of one peak a row dark."""
-    # what is left of a few wider ones rises towards its peak, and is no peak of its own
+    """Set the interval around one peak per row to zero."""
+    # one width for all rows: the 90th percentile; remains of wider peaks are rejected later
     widths = peaks.width[peaks.found]
-    most = 9 * len(widths) // 10
-    usual = float(np.partition(widths, most)[most]) if len(widths) else 1.0
+    rank = 9 * len(widths) // 10
+    typical_width = float(np.partition(widths, rank)[rank]) if len(widths) else 1.0
     width = smooth.shape[1]
-    reach = min(int(np.ceil(_BLANK * usual)) + 2, (width - 1) // 2)
-    stretches = sliding_window_view(smooth, 2 * reach + 1, axis=1, writeable=True)
-    first = np.minimum(np.maximum(peaks.column - reach, 0), width - 1 - 2 * reach)
-    stretches[np.arange(len(smooth)), first] = 0
+    half_width = min(int(np.ceil(_BLANKED_SIGMAS * typical_width)) + 2, (width - 1) // 2)
+    windows = sliding_window_view(smooth, 2 * half_width + 1, axis=1, writeable=True)
+    first = np.minimum(np.maximum(peaks.column - half_width, 0), width - 1 - 2 * half_width)
+    windows[np.arange(len(smooth)), first] = 0
 
 
-def _measure(smooth: Image, scale: float, search: Search, rows: Ints, columns: Ints) -> Peaks:
-    """Measure one peak in each of the rows, which are rows of ``smooth``."""
-    steps = measured_at(search.max_sigma)
-    # the left sides of all peaks, then their right sides
-    sides = _sides(smooth, scale, rows, columns, steps)
+def _measure(smooth: Image, scale: float, search: PeakSearch, rows: Ints, columns: Ints) -> Peaks:
+    """Measure one peak at ``columns`` in each of ``rows`` of ``smooth``."""
+    offsets = sample_offsets(search.max_sigma)
+    # (offsets, 2 n): left sides of all peaks, then right sides
+    sides = _sides(smooth, scale, rows, columns, offsets)
     levels = _level(sides)
-    reach = _first_below(sides, 0.5 * (sides[0] + levels), steps).reshape(2, -1)
+    half_width = _first_below(sides, 0.5 * (sides[0] + levels), offsets).reshape(2, -1)
     levels = levels.reshape(2, -1)
     top = sides[0, : len(rows)]
     height = top - levels.max(axis=0)
-    # the box has widened the peak
-    variance = ((reach[0] + reach[1]) / FWHM_PER_SIGMA) ** 2 - (search.box**2 - 1) / 12.0
+    # subtract the variance of the box filter
+    variance = ((half_width[0] + half_width[1]) / FWHM_PER_SIGMA) ** 2 - (search.box**2 - 1) / 12.0
     width = np.sqrt(np.maximum(variance, 0.25)).astype(np.float32)
     with np.errstate(invalid='ignore'):
         width[(height < search.threshold) | (width > search.max_sigma)] = np.nan
-    middle = (0.5 * (reach[1] - reach[0])).astype(np.float32)
+    middle = (0.5 * (half_width[1] - half_width[0])).astype(np.float32)
     return Peaks(columns, middle, width, height, levels.min(axis=0), top)
 
 
-def _sides(smooth: Image, scale: float, rows: Ints, columns: Ints, steps: Ints) -> Singles:
-    """Return grey values at steps to the left of all peaks, then to the right, (steps, 2 n)."""
+def _sides(smooth: Image, scale: float, rows: Ints, columns: Ints, offsets: Ints) -> Singles:
+    """Return gray values at offsets left of all peaks, then right of them, (offsets, 2 n)."""
     last = smooth.shape[1] - 1
-    away = steps[:, None]
-    places = np.concatenate([columns - away, columns + away], axis=1)
-    if columns.min(initial=last) < steps[-1] or columns.max(initial=0) > last - steps[-1]:
-        places = np.minimum(np.maximum(places, 0), last)
+    away = offsets[:, None]
+    indices = np.concatenate([columns - away, columns + away], axis=1)
+    if columns.min(initial=last) < offsets[-1] or columns.max(initial=0) > last - offsets[-1]:
+        indices = np.minimum(np.maximum(indices, 0), last)
     starts = rows * (last + 1)
-    places += np.concatenate([starts, starts])
-    return np.multiply(smooth.reshape(-1).take(places), scale, dtype=np.float32)
+    indices += np.concatenate([starts, starts])
+    return np.multiply(smooth.reshape(-1).take(indices), scale, dtype=np.float32)
 
 
 def _level(side: Singles) -> Singles:
-    """Return the background on one side of peaks: low, but not the lowest pixel's noise."""
+    """Return the background on one side: the minimum of means of two samples, against noise."""
     outer = side[len(side) // 3 :]
     return np.asarray(0.5 * (outer[:-1] + outer[1:]).min(axis=0))
 
 
-def _first_below(side: Singles, level: Singles, steps: Ints) -> Floats:
-    """Return the interpolated step at which values first fall below level; NaN if never."""
+def _first_below(side: Singles, level: Singles, offsets: Ints) -> Floats:
+    """Return the interpolated offset at which values first fall below level; NaN if never."""
     below = side < level
-    # the peak itself may be a dark grain of speckle: the fall counts from its neighbour
+    # skip the peak pixel, which speckle can darken
     below[0] = False
     index = below.argmax(axis=0)
     before = np.maximum(index - 1, 0)
@@ -226,6 +235,6 @@ def _first_below(side: Singles, level: Singles, steps: Ints) -> Floats:
     peak = np.arange(count)
     last, first = values.take(before * count + peak), values.take(index * count + peak)
     with np.errstate(divide='ignore', invalid='ignore'):
-        share = np.minimum(np.maximum((last - level) / (last - first), 0.0), 1.0)
-        reach = steps[before] + share * (steps[index] - steps[before])
-        return np.where(index > 0, reach, np.nan)
+        fraction = np.minimum(np.maximum((last - level) / (last - first), 0.0), 1.0)
+        half_width = offsets[before] + fraction * (offsets[index] - offsets[before])
+        return np.where(index > 0, half_width, np.nan)

@@ -1,12 +1,12 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Where a stripe is not what the estimator takes it for, and by how much that can move its place.
+Uncertainty of stripe positions due to profiles that are not Gaussian, from skew, misfit and width.
 
-A stripe that an edge cuts, that lies half on black and half on white, or that glows on one side
-fits no symmetric bell: its residuals are too large, it leans to one side, and it is narrower or
-wider than the same stripe a few rows away. Speckle hides this in a single row, so that lean and
-width are averaged along the stripe, in which edges go on and speckle does not.
+A stripe that is cut by an edge, crosses a change of reflectance, or is scattered inside the
+material to one side is not a symmetric Gaussian: its residuals are larger than the noise, it is
+skewed, and its width differs from that a sampled rows away. Speckle hides this in a single row;
+therefore skew and width are averaged along the stripe, over which speckle is independent.
 """
 
 from typing import TypeVar
@@ -17,106 +17,112 @@ from numpy.lib.stride_tricks import sliding_window_view
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
-from ivfmc_ros.stripe.estimators.patches import Estimate
+from ivfmc_ros.stripe.estimators.patches import PeakEstimate
 
 Widths = TypeVar('Widths', Floats, Singles)
 
-# Stripes are one piece as long as they move by less than so many pixels a row.
-_SLOPE = 4.0
-_GAP = 3
-# Rows to each side over which lean and width are averaged, and over which a width is usual.
-_NEAR = 3
-_USUAL = 20
-_EVERY = 4
-# How far the place is off, in sigmas of the stripe, for a lean, a misfit and a change of width
-# of 1. Measured on cut and two-coloured stripes (bench: edge).
-_BY_SKEW = 4.0
-_BY_MISFIT = 0.08
-_BY_WIDTH = 1.7
-# The same for a stripe that is narrower than any surface makes it.
-_BY_NARROW = 5.0
-# The middle at half height may differ by so many pixels, and by this share of the width.
-_MOVED = 0.2
-_MOVED_SHARE = 0.35
-# Certainty: lean and width count as far as they exceed so many of their own sigmas.
-_CERTAIN = 2.0
-# A lean from which on another width counts in full.
-_SUSPECT = 0.03
-# How far it counts where nothing leans.
-_ALWAYS = 0.4
-# A surface that bends changes the width by this share without harm.
-_BEND = 0.06
+# A segment of the stripe ends at a step of more pixels per row, or at a gap of more rows.
+_MAX_SLOPE = 4.0
+_MAX_GAP = 3
+# Rows to each side over which skew and width are averaged.
+_MEAN_ROWS = 3
+# Rows to each side of the moving median of the width, and the step at which it is evaluated.
+_MEDIAN_ROWS = 20
+_MEDIAN_STEP = 4
+# Error of the position, in sigmas of the stripe, per unit of skew, misfit and relative change of
+# width. Chosen on stripes cut by an edge or a change of reflectance (bench_stripe: edge_bias).
+_ERROR_PER_SKEW = 4.0
+_ERROR_PER_MISFIT = 0.08
+_ERROR_PER_WIDTH_CHANGE = 1.7
+# The same for a width below the least width of a whole stripe.
+_ERROR_PER_NARROWING = 5.0
+# Distance of the position from the midpoint at half height that is not an error: pixels, plus a
+# fraction of the width.
+_MIDPOINT_TOLERANCE = 0.2
+_MIDPOINT_TOLERANCE_FRACTION = 0.35
+# Skew and width change count as far as they exceed this many of their own sigmas.
+_SIGNIFICANCE = 2.0
+# Skew from which a change of width has full weight, and its weight without skew.
+_FULL_WEIGHT_SKEW = 0.03
+_MIN_WEIGHT = 0.4
+# Relative change of width that the curvature of a surface may cause.
+_WIDTH_TOLERANCE = 0.06
 
 
-def doubt(rows: Ints, u: Floats, estimate: Estimate, least: float | None) -> Floats:
+def shape_uncertainty(
+    rows: Ints, u: Floats, estimate: PeakEstimate, least: float | None
+) -> Floats:
     """
-    Return by how many pixels each place can be off beyond its noise, (n,) float64.
+    Return the uncertainty (1 sigma, pixels) of each position beyond pixel noise, (n,) float64.
 
     rows : (n,) ascending; u : (n,) columns of the stripe
-    least : sigma in pixels of the laser's narrowest whole stripe; None: not known
+    least : pixels, sigma of the narrowest stripe that is not cut; None if not known
     """
     if not len(rows):
         return np.zeros(0)
-    first, after = _neighbours(rows, u)
+    first, after = _neighbors(rows, u)
     count = after - first
-    # the width is about as uncertain as the place
+    # the sigma of the width is about that of the position
     squares = np.stack([estimate.skew_sigma, estimate.sigma]) ** 2
     averaged = np.stack([estimate.skew, estimate.width, *squares])
     skew, width, skew_square, width_square = _mean(averaged, first, after)
-    lean = np.maximum(np.abs(skew) - _CERTAIN * np.sqrt(skew_square / count), 0.0)
-    usual = usual_width(estimate.width)
-    width_sigma = np.sqrt(width_square / count) / usual
-    change = np.abs(width / usual - 1.0) - _BEND - _CERTAIN * width_sigma
+    excess_skew = np.maximum(np.abs(skew) - _SIGNIFICANCE * np.sqrt(skew_square / count), 0.0)
+    median = median_width(estimate.width)
+    width_sigma = np.sqrt(width_square / count) / median
+    change = np.abs(width / median - 1.0) - _WIDTH_TOLERANCE - _SIGNIFICANCE * width_sigma
     least = least or 1e-3
-    scale = np.maximum(np.maximum(estimate.width, usual), least)
+    scale = np.maximum(np.maximum(estimate.width, median), least)
     misfit = np.sqrt(np.maximum(estimate.misfit**2 - 1.0, 0.0))
-    # a stripe of another width that is a clean bell lies on another face
-    suspect = np.minimum(_ALWAYS + lean / _SUSPECT + misfit, 1.0)
-    change = np.maximum(change, 0.0) * suspect
-    narrow = np.maximum(1.0 - width / least, 0.0)
+    # a different width with a Gaussian profile may be a different face: less weight
+    weight = np.minimum(_MIN_WEIGHT + excess_skew / _FULL_WEIGHT_SKEW + misfit, 1.0)
+    change = np.maximum(change, 0.0) * weight
+    narrowing = np.maximum(1.0 - width / least, 0.0)
     parts = (
-        _BY_SKEW * lean,
-        _BY_MISFIT * misfit,
-        _BY_WIDTH * change,
-        _BY_NARROW * narrow,
+        _ERROR_PER_SKEW * excess_skew,
+        _ERROR_PER_MISFIT * misfit,
+        _ERROR_PER_WIDTH_CHANGE * change,
+        _ERROR_PER_NARROWING * narrowing,
     )
-    moved = np.maximum(estimate.moved - _MOVED_SHARE * scale - _MOVED, 0.0)
-    return np.asarray(np.sqrt(scale**2 * sum(part**2 for part in parts) + moved**2))
+    distance = estimate.midpoint_distance - _MIDPOINT_TOLERANCE_FRACTION * scale
+    excess = np.maximum(distance - _MIDPOINT_TOLERANCE, 0.0)
+    return np.asarray(np.sqrt(scale**2 * sum(part**2 for part in parts) + excess**2))
 
 
-def usual_width(width: Widths) -> Widths:
-    """Return the median width over the rows around each, told from every fourth row."""
+def median_width(width: Widths) -> Widths:
+    """Return the moving median of the width along the stripe, from every fourth row."""
     if not len(width):
         return width
-    few = width[::_EVERY]
-    half = min(_USUAL // _EVERY, (len(few) - 1) // 2)
-    # for a few hundred values this takes a third of the time of scipy's median_filter
-    ends = np.repeat(few[[0, -1]], half)
-    around = sliding_window_view(np.concatenate([ends[:half], few, ends[half:]]), 2 * half + 1)
-    medians = np.partition(around, half, axis=1)[:, half]
-    return np.asarray(np.repeat(medians, _EVERY)[: len(width)])
+    sampled = width[::_MEDIAN_STEP]
+    half = min(_MEDIAN_ROWS // _MEDIAN_STEP, (len(sampled) - 1) // 2)
+    # for a few hundred values three times as fast as scipy.ndimage.median_filter
+    ends = np.repeat(sampled[[0, -1]], half)
+    windows = sliding_window_view(
+        np.concatenate([ends[:half], sampled, ends[half:]]), 2 * half + 1
+    )
+    medians = np.partition(windows, half, axis=1)[:, half]
+    return np.asarray(np.repeat(medians, _MEDIAN_STEP)[: len(width)])
 
 
-def _neighbours(rows: Ints, u: Floats) -> tuple[Ints, Ints]:
-    """Return for each point the first, and one after the last, of those near it on its piece."""
-    starts = piece_starts(rows, u)
-    piece = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+def _neighbors(rows: Ints, u: Floats) -> tuple[Ints, Ints]:
+    """Return for each point the first, and one past the last, of its neighbors on its segment."""
+    starts = segment_starts(rows, u)
+    segment = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
     index = np.arange(len(rows))
     return (
-        np.maximum(index - _NEAR, starts[piece]),
-        np.minimum(index + _NEAR + 1, starts[piece + 1]),
+        np.maximum(index - _MEAN_ROWS, starts[segment]),
+        np.minimum(index + _MEAN_ROWS + 1, starts[segment + 1]),
     )
 
 
-def piece_starts(rows: Ints, u: Floats) -> Ints:
-    """Return where each unbroken piece of the stripe starts, and at the end its length."""
+def segment_starts(rows: Ints, u: Floats) -> Ints:
+    """Return the start index of each connected segment of the stripe, then the length n."""
     gap = np.diff(rows)
-    broken = (gap > _GAP) | (np.abs(np.diff(u)) > _SLOPE * gap)
+    broken = (gap > _MAX_GAP) | (np.abs(np.diff(u)) > _MAX_SLOPE * gap)
     return np.concatenate([[0], np.flatnonzero(broken) + 1, [len(rows)]])
 
 
 def _mean(values: Floats, first: Ints, after: Ints) -> Floats:
-    """Return the means of (k, n) values over the neighbours of each, (k, n)."""
+    """Return the means of (k, n) values over the neighbors of each point, (k, n)."""
     total = np.zeros((len(values), values.shape[1] + 1))
     np.cumsum(values, axis=1, out=total[:, 1:])
     return np.asarray((total[:, after] - total[:, first]) / (after - first))

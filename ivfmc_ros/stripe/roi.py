@@ -1,112 +1,86 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What of a picture is looked at, and what the rest of it tells of its noise."""
+"""Region of interest of a laser: the pixels that see its plane inside the working volume."""
 
 from dataclasses import dataclass
-import math
-from typing import Any
-from typing import cast
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ivfmc_ros.cell import transforms
+from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.laser import Stripe as Direction
+from ivfmc_ros.cell.volume import Volume
+from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Bytes
-from ivfmc_ros.model import Image
-from ivfmc_ros.stripe import channel
-from ivfmc_ros.stripe.peaks import measured_at
-from ivfmc_ros.stripe.region import Region
-from ivfmc_ros.stripe.settings import ExtractSettings
 
-# Noise and darkness of a picture are told from pairs of pixels this far apart.
-_EVERY = 20
+Window = tuple[slice, slice]
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class RegionOfInterest:
     """
-    One channel of a part of a picture, turned so that there is one stripe point a row.
+    A mask of pixels and its bounding rectangle.
 
-    grey : (rows, columns) uint8 or uint16; times ``scale`` it is in grey values of 0 to 255
-    mask : (rows, columns) uint8, 255 where the stripe can be, else 0; None for everywhere
-    first : (row, column) of the part in the turned picture, which has so many ``columns``
-    noise : standard deviation of the whole picture's dark pixels, steps of its grey values
-    dark : median of the whole picture, steps of its grey values
+    mask : (height, width) uint8, 255 where the stripe can be, else 0
+    rows, columns : bounding rectangle, (first, one past the last)
     """
 
-    grey: Image
-    mask: Bytes | None
-    scale: float
-    first: tuple[int, int]
-    columns: int
-    noise: float
-    dark: float
+    mask: Bytes
+    rows: tuple[int, int]
+    columns: tuple[int, int]
 
     @classmethod
-    def of(
-        cls,
-        image: Image,
-        stripe: Direction,
-        settings: ExtractSettings,
-        region: Region | None = None,
-    ) -> 'Part':
-        """Return the part of a picture that ``extract`` has to look at."""
-        by_row = stripe == 'rows'
-        window, mask = (slice(0, None), slice(0, None)), None
-        if region is not None:
-            window = region.window(stripe, _reach(settings))
-            mask = cast(Bytes, _turned(region.mask[window], by_row))
-        part = _turned(image[window], by_row)
-        colours = channel.resolved(part, settings.channel)
-        noise, dark = ground(image if by_row else np.swapaxes(image, 0, 1), colours)
-        first = (window[0].start, window[1].start)
-        return cls(
-            grey=channel.to_grey(part, colours),
-            mask=mask,
-            scale=255.0 / float(np.iinfo(image.dtype).max),
-            first=first if by_row else first[::-1],
-            columns=image.shape[1 if by_row else 0],
-            noise=noise,
-            dark=dark,
-        )
+    def of(cls, mask: Bools) -> 'RegionOfInterest':
+        """Return the region of interest of a (height, width) mask."""
+        rows, columns = (_extent(np.asarray(mask.any(axis=axis))) for axis in (1, 0))
+        return cls(np.uint8(255) * mask, rows, columns)
+
+    def window(self, stripe: Direction, margin: int) -> Window:
+        """
+        Return the (row, column) slices to crop an image to.
+
+        margin : pixels added to both sides of the bounding rectangle, across the stripe
+        """
+        height, width = self.mask.shape
+        if stripe == 'rows':
+            return slice(*self.rows), _widened(self.columns, margin, width)
+        return _widened(self.rows, margin, height), slice(*self.columns)
 
 
-def _reach(settings: ExtractSettings) -> int:
-    """Return how far from a peak's smoothed maximum extraction looks, pixels."""
-    # a half of the widest peak reaches 1.2 sigmas farther on one side than on the other
-    estimate = (settings.window + 1.2) * settings.max_sigma + 3.0
-    search = float(measured_at(settings.max_sigma)[-1])
-    return math.ceil(max(estimate, search)) + settings.smoothing
+def _extent(any_inside: Bools) -> tuple[int, int]:
+    inside = np.flatnonzero(any_inside)
+    # an empty mask gives the whole image; the mask itself then rejects every peak
+    return (int(inside[0]), int(inside[-1]) + 1) if len(inside) else (0, len(any_inside))
 
 
-def _turned(image: Image, by_row: bool) -> Image:
-    return image if by_row else cast(Image, cv2.transpose(image))
+def _widened(extent: tuple[int, int], margin: int, size: int) -> slice:
+    return slice(max(extent[0] - margin, 0), min(extent[1] + margin, size))
 
 
-def ground(image: Image, colours: str) -> tuple[float, float]:
+def stripe_mask(cell: Cell, laser: int, volume: Volume, margin: int = 3) -> Bools:
     """
-    Return the standard deviation and the brightness of a picture's dark pixels.
+    Return the pixels whose ray meets the plane of a laser inside the working volume.
 
-    They are medians over neighbours on a coarse grid, of which stripes cover little. The first
-    is interpolated between grey values, or it could be no finer than one.
+    The stripe on the wall behind the table, on the floor or on the edge of the table is masked
+    out; it is often brighter than the one on the part.
+
+    margin : pixels by which the mask is dilated
+    returns : (height, width) bool
     """
-    # 21 and 8 have no common factor: the pairs fall inside and across the blocks of a JPEG
-    left, right = (_sampled(image, shift, colours) for shift in (0, 1))
-    if not right.size:
-        return 0.0, 0.0
-    steps = np.ravel(cv2.absdiff(left[:, : right.shape[1]], right))
-    middle = _middle(steps)
-    below, at = np.count_nonzero(steps < middle), np.count_nonzero(steps == middle)
-    low = middle - 0.5 if middle else 0.0
-    median = low + (middle + 0.5 - low) * (0.5 * len(steps) - below) / at
-    return float(median / 0.6745 / np.sqrt(2.0)), float(_middle(left.ravel()))
+    camera = cell.camera
+    step = 4
+    columns = np.arange(0, camera.width + step, step)
+    rows = np.arange(0, camera.height + step, step)
+    uv = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    points = cell.lasers[laser].intersect(camera.rays(uv))
+    base = transforms.apply(transforms.invert(cell.turntable.camera_from_base), points)
+    inside = volume.contains(base).reshape(len(rows), len(columns))
+    return _enlarge(inside, step, margin)[: camera.height, : camera.width]
 
 
-def _sampled(image: Image, shift: int, colours: str) -> Image:
-    few = image[::_EVERY, shift :: _EVERY + 1]
-    return channel.to_grey(cast(Image, np.ascontiguousarray(few)), colours)
-
-
-def _middle(values: NDArray[Any]) -> int:
-    return int(np.partition(values, len(values) // 2)[len(values) // 2])
+def _enlarge(coarse: Bools, step: int, margin: int) -> Bools:
+    fine = coarse.astype(np.uint8).repeat(step, axis=0).repeat(step, axis=1)
+    # a coarse cell is sampled at its upper left corner: dilate by one step to every side
+    size = 2 * (step + margin) + 1
+    return cv2.dilate(fine, np.ones((size, size), dtype=np.uint8)) > 0

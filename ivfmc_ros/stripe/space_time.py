@@ -1,13 +1,13 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-When the sheet passes a point of the surface, instead of where it is in one picture.
+Space-time analysis: the time at which a surface point crosses the laser plane, from many images.
 
-A point of the part keeps its reflectance while it turns through the sheet, so that its
-brightness over the pictures is the sheet's profile, also where the surface changes color or
-ends (Curless and Levoy 1995, Better Optical Triangulation through Spacetime Analysis). A point
-is followed through the pictures before and after along the way that the table takes it; they
-move a surface by a shift, a turntable by an arc.
+A point of the part keeps its reflectance while it turns through the laser plane; its brightness
+over time is therefore the profile of the laser, even at edges and changes of reflectance
+(Curless and Levoy 1995, Better Optical Triangulation through Spacetime Analysis, with a
+translation of the part; here the table rotates it, and each point is projected into the images
+before and after).
 """
 
 from collections.abc import Sequence
@@ -24,53 +24,56 @@ from ivfmc_ros.model import Profile
 from ivfmc_ros.model import Singles
 from ivfmc_ros.stripe import channel
 from ivfmc_ros.stripe.estimators.gaussian import fit
-from ivfmc_ros.stripe.estimators.patches import Estimate
-from ivfmc_ros.stripe.estimators.patches import FULL
+from ivfmc_ros.stripe.estimators.patches import CLIPPING_LEVEL
 from ivfmc_ros.stripe.estimators.patches import Patches
-from ivfmc_ros.stripe.noise import Noise
+from ivfmc_ros.stripe.estimators.patches import PeakEstimate
+from ivfmc_ros.stripe.noise import SensorNoise
 from ivfmc_ros.stripe.peaks import Peaks
 from ivfmc_ros.stripe.settings import ExtractSettings
 from ivfmc_ros.stripe.stripe import Stripe
 from ivfmc_ros.stripe.triangulate import triangulate
 
-# So many pictures must show a point, or the time of its peak is a guess.
-_LEAST = 5
-# A point whose time is off by more than so many sheet widths is not the one that was followed.
-_FARTHEST = 2.0
-_PROBE = 0.05  # pictures
+# Minimum number of images that show a point; the fit has four parameters.
+_MIN_IMAGES = 5
+# Largest time offset, in sigmas of the temporal profile, of a peak that belongs to the point.
+_MAX_OFFSET_SIGMAS = 2.0
+# Images; half step of the numerical derivative of the position by time.
+_HALF_STEP = 0.05
+# Minimum signal-to-noise ratio of the temporal peak.
+_MIN_SNR = 3.0
 
 
-def refine(
+def space_time_profile(
     cell: Cell, frames: Sequence[Frame], index: int, stripe: Stripe, settings: ExtractSettings
 ) -> Profile:
     """
-    Return the profile of ``frames[index]``, each of its points seen in all ``frames``.
+    Return the profile of ``frames[index]`` by space-time analysis of all ``frames``.
 
-    frames : consecutive pictures of one sweep of one laser
-    stripe : of ``frames[index]``, from this picture alone
-    returns : the points in ``turntable``; ``uv`` stays where the picture alone has the stripe.
-        What the other pictures do not confirm is left out.
+    frames : consecutive frames of one sweep of one laser
+    stripe : stripe of ``frames[index]``, extracted from this image alone
+    returns : points in ``turntable``, without those that the other images do not confirm; ``uv``
+        is that of ``stripe``
     """
     frame = frames[index]
     start = triangulate(cell, frame, stripe)
     angles = np.array([other.angle for other in frames])
-    # of a single picture nothing is confirmed
+    # a single image confirms no point
     step = float(np.median(np.diff(angles))) if len(angles) > 1 else 0.0
-    traces, shown = _follow(cell, frames, start.points_xyz, settings)
-    patches = _patches(traces, shown, np.arange(len(frames)) - index)
-    estimate = fit(patches, settings.noise or Noise())
+    traces, visible = _traces(cell, frames, start.points_xyz, settings)
+    patches = _patches(traces, visible, np.arange(len(frames)) - index)
+    estimate = fit(patches, settings.noise or SensorNoise())
     good = _confirmed(patches, estimate, len(frames))
-    late = estimate.place[good]
+    delay = estimate.position[good]
     points = start.points_xyz[good]
     found, before, after = (
-        _crossing(cell, frame, points, frame.angle + step * (late + probe))
-        for probe in (0.0, -_PROBE, _PROBE)
+        _crossing(cell, frame, points, frame.angle + step * (delay + shift))
+        for shift in (0.0, -_HALF_STEP, _HALF_STEP)
     )
-    pace = np.linalg.norm(after - before, axis=1) / (2.0 * _PROBE)
+    meters_per_image = np.linalg.norm(after - before, axis=1) / (2.0 * _HALF_STEP)
     return Profile(
         points_xyz=found,
         intensity=estimate.height[good],
-        sigma=estimate.sigma[good] * pace,
+        sigma=estimate.sigma[good] * meters_per_image,
         uv=start.uv[good],
         angle=frame.angle,
         laser=frame.laser,
@@ -81,56 +84,60 @@ def refine(
     )
 
 
-def _follow(
+def _traces(
     cell: Cell, frames: Sequence[Frame], points: Floats, settings: ExtractSettings
 ) -> tuple[Singles, Bools]:
-    """Return grey values (0 to 255) of points in each picture, (n, frames), and where seen."""
+    """Return gray values (0 to 255) of points in each image and a visibility mask, (n, frames)."""
     traces = np.zeros((len(points), len(frames)), dtype=np.float32)
-    shown = np.zeros(traces.shape, dtype=bool)
+    visible = np.zeros(traces.shape, dtype=bool)
     if not len(points):
-        return traces, shown
+        return traces, visible
     size = np.array(cell.camera.size)
     for k, frame in enumerate(frames):
-        grey = channel.to_grey(frame.image, settings.channel)
+        gray = channel.to_gray(frame.image, settings.channel)
         uv = cell.camera.project(cell.turntable.to_camera(points, frame.angle))
-        shown[:, k] = ((uv >= 0) & (uv <= size - 1)).all(axis=1)
+        visible[:, k] = ((uv >= 0) & (uv <= size - 1)).all(axis=1)
         u, v = np.ascontiguousarray(uv.T[..., None], dtype=np.float32)
-        values = cv2.remap(grey.astype(np.float32), u, v, cv2.INTER_LINEAR)
-        traces[:, k] = np.asarray(values)[:, 0] * (255.0 / np.iinfo(grey.dtype).max)
-    return traces, shown
+        values = cv2.remap(gray.astype(np.float32), u, v, cv2.INTER_LINEAR)
+        traces[:, k] = np.asarray(values)[:, 0] * (255.0 / np.iinfo(gray.dtype).max)
+    return traces, visible
 
 
-def _patches(traces: Singles, shown: Bools, steps: Ints) -> Patches:
-    """Return traces as if they were rows of a picture, whose columns are pictures."""
+def _patches(traces: Singles, visible: Bools, steps: Ints) -> Patches:
+    """Return traces as patches, whose columns are images instead of pixels."""
     level = np.sort(traces, axis=1)[:, : max(1, len(steps) // 4)].mean(axis=1)
     above = np.maximum(traces - level[:, None], 0.0)
     peak = above.argmax(axis=1)
     height = np.maximum(above.max(axis=1), 1.0)
-    # a Gaussian's area over its height
+    # sigma of a Gaussian from its area and height
     width = above.sum(axis=1) / height / np.sqrt(2.0 * np.pi)
     column = np.zeros(len(traces), dtype=np.int64)
-    used = (shown & (traces < FULL)).astype(np.float32)
+    used = (visible & (traces < CLIPPING_LEVEL)).astype(np.float32)
     middle = steps[peak].astype(np.float32)
     rough = Peaks(column, middle, np.clip(width, 0.5, len(steps)), height, level, level + height)
     return Patches(steps.astype(np.float32), column, traces, used, rough)
 
 
-def _confirmed(patches: Patches, estimate: Estimate, count: int) -> Bools:
+def _confirmed(patches: Patches, estimate: PeakEstimate, count: int) -> Bools:
     seen = patches.used.sum(axis=1)
-    ends = np.abs(estimate.place) < np.minimum(_FARTHEST * estimate.width, 0.5 * count)
-    return np.asarray((seen >= _LEAST) & ends & (estimate.snr > 3.0) & (estimate.width < count))
+    close = np.abs(estimate.position) < np.minimum(
+        _MAX_OFFSET_SIGMAS * estimate.width, 0.5 * count
+    )
+    return np.asarray(
+        (seen >= _MIN_IMAGES) & close & (estimate.snr > _MIN_SNR) & (estimate.width < count)
+    )
 
 
 def _crossing(cell: Cell, frame: Frame, points: Floats, angles: Floats) -> Floats:
-    """Return where the sheet is on the ray on which points are seen at angles (n,)."""
-    turned = _turned(points, angles)
-    camera = cell.turntable.to_camera(turned, 0.0)
-    met = cell.lasers[frame.laser].intersect(camera / camera[:, 2:])
-    return _turned(cell.turntable.to_part(met, 0.0), -angles)
+    """Intersect the laser plane with the rays to points at table angles (n,), in turntable."""
+    rotated = _rotated(points, angles)
+    camera = cell.turntable.to_camera(rotated, 0.0)
+    intersection = cell.lasers[frame.laser].intersect(camera / camera[:, 2:])
+    return _rotated(cell.turntable.to_part(intersection, 0.0), -angles)
 
 
-def _turned(points: Floats, angles: Floats) -> Floats:
-    """Return points (n, 3) turned about +z by an angle each."""
+def _rotated(points: Floats, angles: Floats) -> Floats:
+    """Rotate points (n, 3) about +z by angles (n,), radians."""
     cosine, sine = np.cos(angles), np.sin(angles)
     x, y, z = points.T
     return np.stack([cosine * x - sine * y, sine * x + cosine * y, z], axis=1)

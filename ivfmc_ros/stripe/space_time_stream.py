@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Acquisition of a stream of pictures in which each point is followed through its neighbours."""
+"""Acquisition of a stream of images with space-time analysis over the images of a sweep."""
 
 from dataclasses import dataclass
 from dataclasses import field
@@ -8,73 +8,72 @@ from dataclasses import field
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.model import Frame
 from ivfmc_ros.stripe.acquisition import Acquisition
-from ivfmc_ros.stripe.sampling import Measured
-from ivfmc_ros.stripe.sampling import SAMPLED_PICTURES
-from ivfmc_ros.stripe.sampling import SampledAcquisition
+from ivfmc_ros.stripe.stream import FrameProfiles
+from ivfmc_ros.stripe.stream import StreamAcquisition
+from ivfmc_ros.stripe.stream import TUNING_IMAGES
 
 
 @dataclass(eq=False)
 class _Sweep:
-    """The last pictures of one sweep; those before ``ready`` are measured."""
+    """The last frames of a sweep; those before ``ready`` have a profile."""
 
     frames: list[Frame] = field(default_factory=list)
     ready: int = 0
 
 
-class FollowedAcquisition:
+class SpaceTimeAcquisition:
     """
-    Makes the profiles of a scan of dense angle steps, as ``SampledAcquisition`` does of others.
+    Computes the profiles of a scan with dense angle steps by space-time analysis.
 
-    A picture waits for those after it in its sweep. Sweeps of several lasers may alternate.
-
-    How many pictures before and after each show its points, the settings tell.
+    A profile needs ``settings.space_time`` images before and after its own in the same sweep, so
+    that it is returned with that delay. Sweeps of several lasers may alternate.
     """
 
-    def __init__(self, acquisition: Acquisition, sampled: int = SAMPLED_PICTURES) -> None:
+    def __init__(self, acquisition: Acquisition, sampled: int = TUNING_IMAGES) -> None:
         self.acquisition = acquisition
         self._half = acquisition.settings.space_time
         self._sampled = sampled
-        self._first: list[Frame] | None = []
+        self._buffered: list[Frame] | None = []
         self._sweeps: dict[int, _Sweep] = {}
 
-    def add(self, frame: Frame) -> Measured:
+    def add(self, frame: Frame) -> FrameProfiles:
         """
-        Return what can be measured now.
+        Add a frame; return the profiles that are complete.
 
-        :raises CellError: a picture has another size than the calibration, or another laser
-        :raises GeometryError: the table angle of a picture is not known
+        :raises CellError: the size of the image differs from the calibration, or unknown laser
+        :raises GeometryError: the table angle of the image is not finite
         """
         self.acquisition.require_usable(frame)
-        if self._first is None:
-            return self._take(frame)
-        self._first.append(frame)
-        return self._decide() if len(self._first) >= self._sampled else []
+        if self._buffered is None:
+            return self._process(frame)
+        self._buffered.append(frame)
+        return self._process_buffered() if len(self._buffered) >= self._sampled else []
 
-    def flush(self) -> Measured:
+    def flush(self) -> FrameProfiles:
         """
-        Return the profiles of all pictures that still wait.
+        Return the profiles of all remaining frames.
 
-        :raises GeometryError: no point at all was seen in enough pictures
+        :raises GeometryError: no point of the scan was seen in enough images
         """
-        measured = self._decide()
+        measured = self._process_buffered()
         for laser in list(self._sweeps):
             measured += self._end(laser)
         counts = self.acquisition.counts
         if counts.stripe_points and counts.unconfirmed == counts.stripe_points:
             raise GeometryError(
                 f'space_time: none of {counts.stripe_points} stripe points is seen in enough '
-                'pictures; scan in finer angle steps, or take each picture by itself (0)'
+                'images; scan with smaller angle steps, or set space_time to 0'
             )
         return measured
 
-    def _decide(self) -> Measured:
-        first, self._first = self._first, None
-        if not first:
+    def _process_buffered(self) -> FrameProfiles:
+        buffered, self._buffered = self._buffered, None
+        if not buffered:
             return []
-        self.acquisition.prepare(first)
-        return [pair for frame in first for pair in self._take(frame)]
+        self.acquisition.resolve_auto_settings(buffered)
+        return [pair for frame in buffered for pair in self._process(frame)]
 
-    def _take(self, frame: Frame) -> Measured:
+    def _process(self, frame: Frame) -> FrameProfiles:
         sweep = self._sweeps.get(frame.laser)
         ended = sweep is not None and sweep.frames[-1].view != frame.view
         measured = self._end(frame.laser) if ended else []
@@ -84,12 +83,12 @@ class FollowedAcquisition:
             measured += self._next(sweep)
         return measured
 
-    def _end(self, laser: int) -> Measured:
+    def _end(self, laser: int) -> FrameProfiles:
         sweep = self._sweeps.pop(laser)
         return [pair for _ in sweep.frames[sweep.ready :] for pair in self._next(sweep)]
 
-    def _next(self, sweep: _Sweep) -> Measured:
-        """Measure one picture, and forget the one that no later picture needs."""
+    def _next(self, sweep: _Sweep) -> FrameProfiles:
+        """Compute the profile of the next frame, and drop the frame that no later one needs."""
         index = sweep.ready
         frame = sweep.frames[index]
         around = sweep.frames[: index + self._half + 1]
@@ -101,8 +100,8 @@ class FollowedAcquisition:
         return [(frame, profile)]
 
 
-def stream_of(acquisition: Acquisition) -> SampledAcquisition | FollowedAcquisition:
-    """Return what makes the profiles of a whole scan, as the settings of ``space_time`` ask."""
+def create_stream(acquisition: Acquisition) -> StreamAcquisition | SpaceTimeAcquisition:
+    """Return the acquisition of a whole scan that the setting ``space_time`` selects."""
     if acquisition.settings.space_time:
-        return FollowedAcquisition(acquisition)
-    return SampledAcquisition(acquisition)
+        return SpaceTimeAcquisition(acquisition)
+    return StreamAcquisition(acquisition)

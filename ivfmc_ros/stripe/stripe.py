@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is found in one picture."""
+"""The laser stripe of one image: sub-pixel positions with width and uncertainty."""
 
 from dataclasses import dataclass
 
@@ -12,13 +12,13 @@ from ivfmc_ros.model import Ints
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Stripe:
     """
-    The stripe of one picture, one entry for each row (or column) where it was found.
+    The stripe of one image, one entry for each row (or column) where it was found.
 
-    uv : (n, 2) float64, pixel (column, row)
-    intensity : (n,) float64, height above the background in grey values of 0 to 255
-    width : (n,) float64, sigma of the stripe in pixels
-    sigma : (n,) float64, 1 sigma of the position in pixels, from the noise of the pixels and,
-        where the profile is not a stripe's, from how far it can have pulled the position
+    uv : (n, 2) float64, pixels (column, row)
+    intensity : (n,) float64, height above the background, gray values of 0 to 255
+    width : (n,) float64, pixels, sigma of the stripe's profile
+    sigma : (n,) float64, pixels, 1 sigma of the position: pixel noise and, if enabled, the
+        uncertainty due to a profile that is not Gaussian
     """
 
     uv: Floats

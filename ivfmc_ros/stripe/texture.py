@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The color of the surface, from a picture with the laser off, onto the points."""
+"""Colors of surface points, sampled from an image with the laser off."""
 
 from dataclasses import replace
 
@@ -13,26 +13,26 @@ from ivfmc_ros.model import Image
 from ivfmc_ros.model import Profile
 
 
-def coloured(profile: Profile, picture: Image) -> Profile:
+def with_colors(profile: Profile, image: Image) -> Profile:
     """
-    Return the profile with the colours that a picture shows at its points.
+    Return the profile with the colors of an image at its pixels ``uv``.
 
-    picture : (h, w) mono or (h, w, 3) BGR, uint8 or uint16, taken at the same table angle with
+    image : (h, w) mono or (h, w, 3) BGR, uint8 or uint16, taken at the same table angle with
         all lasers off
     """
-    return replace(profile, color=colours(profile.uv, picture))
+    return replace(profile, color=sample_colors(profile.uv, image))
 
 
-def colours(uv: Floats, picture: Image) -> Bytes:
-    """Return red, green and blue (n, 3) uint8 of a picture at pixels (n, 2), interpolated."""
+def sample_colors(uv: Floats, image: Image) -> Bytes:
+    """Return RGB colors (n, 3) uint8 of an image at pixels (n, 2), bilinearly interpolated."""
     if not len(uv):
         return np.zeros((0, 3), dtype=np.uint8)
     u, v = np.ascontiguousarray(uv.T[..., None], dtype=np.float32)
-    # a grid of one column: the border of the picture repeats
-    seen = np.asarray(
-        cv2.remap(picture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    # cv2.remap takes a grid: here of one column
+    sampled = np.asarray(
+        cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     ).reshape(len(uv), -1)
-    if seen.dtype == np.uint16:
-        seen = seen // 257
-    # OpenCV has blue first
-    return np.ascontiguousarray(np.broadcast_to(seen[:, ::-1], (len(uv), 3)), dtype=np.uint8)
+    if sampled.dtype == np.uint16:
+        sampled = sampled // 257
+    # OpenCV images are BGR
+    return np.ascontiguousarray(np.broadcast_to(sampled[:, ::-1], (len(uv), 3)), dtype=np.uint8)

@@ -23,9 +23,9 @@ from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
-from ivfmc_ros.stripe.region import Region
-from ivfmc_ros.stripe.region import stripe_mask
-from ivfmc_ros.stripe.space_time import refine
+from ivfmc_ros.stripe.roi import RegionOfInterest
+from ivfmc_ros.stripe.roi import stripe_mask
+from ivfmc_ros.stripe.space_time import space_time_profile
 from ivfmc_ros.stripe.triangulate import triangulate
 
 PICTURES = 98  # of 1024 rows: 100,352 a case
@@ -36,7 +36,7 @@ CASES = [
     for height in (180.0, 60.0)
     for read in (2.0, 4.0)
 ]
-KEEP_ALL = 50.0  # max_error, max_doubt: drop nothing
+KEEP_ALL = 50.0  # max_error, max_uncertainty: drop nothing
 
 
 def run() -> Iterator[Number]:
@@ -102,7 +102,7 @@ def speckle():
     note = f'bound {least:.4f} px, bias {bias(error, phase):.4f} px'
     yield Number('speckle: rms of the default', rms(error), 'px', at_most(0.095), note)
     blind = replace(SPECKLED.noise, speckle=0.0, electrons_per_dn=np.inf)
-    all_rows = ExtractSettings(noise=SPECKLED.noise, max_error=KEEP_ALL, max_doubt=KEEP_ALL)
+    all_rows = ExtractSettings(noise=SPECKLED.noise, max_error=KEEP_ALL, max_uncertainty=KEEP_ALL)
     others = {'gaussian without weights': replace(all_rows, noise=blind)}
     for method in ('paper', 'centre_of_mass', 'zero_crossing', 'log_gaussian'):
         others[method] = replace(all_rows, method=method)
@@ -170,17 +170,17 @@ def reference():
 
 def corners():
     """Rows with the right stripe in corners of shiny metal."""
-    region = Region.of(stripe_mask(ghosts.CELL, ghosts.LASER, Volume()))
+    region = RegionOfInterest.of(stripe_mask(ghosts.CELL, ghosts.LASER, Volume()))
     yield from _right('metal corners', [ghosts.corner(*c, seed=k) for k, c in _CORNERS], region)
 
 
 def walls():
     """Rows with the right stripe on a dim part before a bright wall."""
-    region = Region.of(stripe_mask(ghosts.CELL, ghosts.LASER, Volume()))
+    region = RegionOfInterest.of(stripe_mask(ghosts.CELL, ghosts.LASER, Volume()))
     yield from _right('background wall', [ghosts.behind_part(220.0, k) for k in range(4)], region)
 
 
-# opening, turn (radians), edge on the platter (metres), tilt of the edge (radians)
+# opening, turn (radians), edge on the platter (meters), tilt of the edge (radians)
 _CORNERS = list(
     enumerate(
         (
@@ -199,7 +199,7 @@ def _right(name, pictures, region):
     """Yield the shares of rows with the right stripe, pooled."""
     truth = np.concatenate([picture.truth for picture in pictures])
     choices = {
-        'default, nothing dropped': ExtractSettings(max_error=KEEP_ALL, max_doubt=KEEP_ALL),
+        'default, nothing dropped': ExtractSettings(max_error=KEEP_ALL, max_uncertainty=KEEP_ALL),
         'default': ExtractSettings(),
         'no path search': ExtractSettings(path=False),
     }
@@ -225,7 +225,7 @@ def edge_bias():
     for kind in ('step', 'border'):
         sweep = edges.sweep(kind)
         careful = _learnt(sweep)
-        plain = replace(careful, doubt=False)
+        plain = replace(careful, shape_uncertainty=False)
         for name, settings, half in (
             ('plain', plain, 0),
             ('default sigma limit', careful, 0),
@@ -240,7 +240,7 @@ def edge_bias():
 def _learnt(sweep):
     """Return the settings that a scan of the whole block would have."""
     acquisition = Acquisition(sweep.cell, AcquisitionSettings())
-    acquisition.prepare(sweep.around)
+    acquisition.resolve_auto_settings(sweep.around)
     return acquisition.settings.extract
 
 
@@ -250,7 +250,7 @@ def _profiles(sweep, settings, half):
     if not half:
         return [triangulate(sweep.cell, *pair) for pair in zip(frames, found, strict=True)]
     return [
-        refine(sweep.cell, frames[k - half : k + half + 1], half, found[k], settings)
+        space_time_profile(sweep.cell, frames[k - half : k + half + 1], half, found[k], settings)
         for k in range(half, len(frames) - half)
     ]
 
@@ -271,7 +271,7 @@ def real():
         ('rows of both', [ours[row] for row in both], [mass[row] for row in both]),
     ):
         error, theirs = (1e3 * rms(list(heights)) for heights in (of_ours, of_mass))
-        note = f'{len(of_ours)} points; centre of mass {theirs:.3f} mm, {len(of_mass)} points'
+        note = f'{len(of_ours)} points; center of mass {theirs:.3f} mm, {len(of_mass)} points'
         yield Number(f'platter rms of the default, {rows}', error, 'mm', at_most(theirs), note)
     fitted = measured.platter_heights(cell, pictures, ExtractSettings(method='gaussian'))
     note = f'{len(fitted)} points; the platter glows'

@@ -12,14 +12,14 @@ from ivfmc_ros.cell import transforms
 from ivfmc_ros.simulation.bench import bench_cell
 from ivfmc_ros.simulation.parts.loading import Platter
 from ivfmc_ros.simulation.parts.solids import demo_part
+from ivfmc_ros.simulation.render.camera_rays import pixel_rays
 from ivfmc_ros.simulation.render.optics import expose
 from ivfmc_ros.simulation.render.optics import Optics
 from ivfmc_ros.simulation.render.optics import sheet_sigma
-from ivfmc_ros.simulation.render.raster import pixel_rays
 from ivfmc_ros.simulation.render.renderer import StripeRenderer
 from ivfmc_ros.simulation.render.scene import part_from_camera
 from ivfmc_ros.simulation.render.scene import Scene
-from ivfmc_ros.simulation.render.sources import usual_source
+from ivfmc_ros.simulation.render.sources import default_source
 
 CELL = bench_cell(np.zeros(5))
 LASER = 0
@@ -53,7 +53,7 @@ class Metal:
     Reflection of metal: a matt and a shiny part.
 
     matt, shiny : shares of the light that leave in all directions, and about the mirrored one
-    shine : sharpness of the mirrored lobe (Phong's exponent, normalised to keep the light)
+    shine : sharpness of the mirrored lobe (Phong's exponent, normalized to keep the light)
     """
 
     matt: float = 0.2
@@ -80,7 +80,7 @@ def corner(opening, turn, place, tilt=0.0, metal=None, seed=0):
     Return the picture of a corner of two metal faces.
 
     opening : radians between the faces; turn : radians, where the corner looks, 0 to the camera
-    place : (x, y) metres, of the edge on the platter; tilt : radians, of the edge to its side
+    place : (x, y) meters, of the edge on the platter; tilt : radians, of the edge to its side
     """
     metal = metal or Metal()
     lean = np.array(
@@ -134,7 +134,7 @@ def behind_part(brightness, seed=0):
 
 
 def _seen(walls, rays):
-    """Return where rays meet the nearer face, (n, 3) metres in turntable_base, and which."""
+    """Return where rays meet the nearer face, (n, 3) meters in turntable_base, and which."""
     base = transforms.invert(CELL.turntable.camera_from_base)
     origin, directions = base[:3, 3], rays @ base[:3, :3].T
     with np.errstate(divide='ignore', invalid='ignore'):
@@ -191,7 +191,7 @@ def _reflected(walls, metal, rays, face):
 
 
 def _stripe_on(walls, number):
-    """Return points of the stripe on a face, (n, 3) metres, and the length of each."""
+    """Return points of the stripe on a face, (n, 3) meters, and the length of each."""
     normal, offset = _to_base_plane(CELL.lasers[LASER])
     wall, other = walls[number], walls[1 - number]
     along = _unit(np.cross(normal, wall.normal)[None])[0]
@@ -217,7 +217,7 @@ def _crossings(distance, face, points):
 
 
 def _source():
-    position = usual_source(CELL, CELL.lasers[LASER]).position
+    position = default_source(CELL, CELL.lasers[LASER]).position
     return transforms.apply(transforms.invert(CELL.turntable.camera_from_base), position)
 
 

@@ -55,9 +55,9 @@ def frames(folder):
 
 
 def platter_heights(cell, pictures, settings):
-    """Return the heights (metres) of points over the platter's mean line, by picture and row."""
+    """Return the heights (meters) of points over the platter's mean line, by picture and row."""
     acquisition = Acquisition(cell, AcquisitionSettings(extract=settings, volume=PLATTER))
-    acquisition.prepare(pictures)
+    acquisition.resolve_auto_settings(pictures)
     profiles = [acquisition.profile(frame) for frame in pictures]
     points = np.concatenate([profile.points_xyz for profile in profiles])
     rows = [(profile.seq, row) for profile in profiles for row in profile.uv[:, 1]]
@@ -78,7 +78,7 @@ def _direction(points):
 def draw_sheet(cell, pictures, settings):
     """Write twelve pictures with the stripe that was found in them; return the points drawn."""
     acquisition = Acquisition(cell, AcquisitionSettings(extract=settings, volume=PART))
-    acquisition.prepare(pictures)
+    acquisition.resolve_auto_settings(pictures)
     tiles, count = [], 0
     for frame in pictures:
         profile = acquisition.profile(frame)
@@ -93,4 +93,6 @@ def draw_sheet(cell, pictures, settings):
     return count
 
 
-MASS = ExtractSettings(method='centre_of_mass', doubt=False, path=False, max_error=50.0)
+MASS = ExtractSettings(
+    method='centre_of_mass', shape_uncertainty=False, path=False, max_error=50.0
+)

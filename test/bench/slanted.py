@@ -17,16 +17,16 @@ from ivfmc_ros.simulation.render.optics import Optics
 from ivfmc_ros.simulation.render.renderer import StripeRenderer
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
-from ivfmc_ros.stripe.noise import Noise
+from ivfmc_ros.stripe.noise import SensorNoise
 from ivfmc_ros.stripe.triangulate import triangulate
 
-DEEP, WIDE, HIGH = 0.008, 0.035, 0.05  # metres: half, half and whole of the slab
+DEEP, WIDE, HIGH = 0.008, 0.035, 0.05  # meters: half, half and whole of the slab
 PEAKS = (180.0, 80.0, 30.0)
 SIGMAS = (1.2, 2.5, 4.0)
 INCIDENCES = np.radians([5.0, 25.0, 45.0, 60.0, 70.0])  # of the laser on the face
 DRAWS = 2
 LEAST = 500  # points that tell a standard deviation to 3 %
-_MARGIN = 0.004  # metres from the block's edges
+_MARGIN = 0.004  # meters from the block's edges
 
 BINS = {
     'width': ((0, 1.5), (1.5, 3), (3, 5), (5, np.inf)),
@@ -57,7 +57,7 @@ def scores():
 
 
 def _add(found, cell, frame, incidence, optics):
-    noise = Noise(
+    noise = SensorNoise(
         read=np.sqrt(optics.read_noise**2 + 1 / 12),
         electrons_per_dn=optics.electrons_per_dn,
         speckle=optics.speckle,

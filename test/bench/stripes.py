@@ -10,11 +10,11 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 from scipy.special import ndtr
 
-from ivfmc_ros.stripe.noise import Noise
+from ivfmc_ros.stripe.noise import SensorNoise
 
 WIDTH, HEIGHT = 1280, 1024
 AMBIENT = 6.0
-_ROUNDING = 1 / 12  # DN^2, of whole grey values
+_ROUNDING = 1 / 12  # DN^2, of whole gray values
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Case:
 
     @property
     def noise(self):
-        return Noise(
+        return SensorNoise(
             read=np.sqrt(self.read**2 + _ROUNDING),
             electrons_per_dn=self.electrons_per_dn,
             speckle=self.speckle,
@@ -75,7 +75,7 @@ def bound(case):
     Return the Cramer-Rao bound of a stripe's place, pixels, rms over sub-pixel phases.
 
     Place, height, width and ground are unknown; the noise is the picture's, its rounding to
-    whole grey values left out. What the variance of the pixels tells beside their mean, under
+    whole gray values left out. What the variance of the pixels tells beside their mean, under
     speckle, is left in, so that the bound is the lower of two.
     """
     variances = []
@@ -106,7 +106,7 @@ def horus(image):
     Find the stripe as Horus documents it: (rows, columns).
 
     Threshold 50, blur 5x5, threshold again, what is within 8 pixels of the brightest pixel of
-    each row, centre of mass, and a Gaussian of sigma 2 along each unbroken segment of rows.
+    each row, center of mass, and a Gaussian of sigma 2 along each unbroken segment of rows.
     """
     lit = cv2.threshold(image, 50, 255, cv2.THRESH_TOZERO)[1]
     lit = cv2.threshold(cv2.blur(lit, (5, 5)), 50, 255, cv2.THRESH_TOZERO)[1]

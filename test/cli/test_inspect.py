@@ -45,7 +45,7 @@ def test_nominal_in_another_unit_is_named_and_not_guessed(mesh, unit):
     result, output = run(mesh, nominal)
     assert isinstance(result.exception, GeometryError)
     assert 'part.stl' in str(result.exception)
-    assert f'in {unit} they would be alike' in str(result.exception)
+    assert f'in {unit} the sizes would agree' in str(result.exception)
     assert listing(mesh.parent) == ['mesh.ply', 'part.stl']
     result, output = run(mesh, nominal, '--nominal-unit', unit)
     assert result.exit_code == 0
@@ -57,7 +57,7 @@ def test_nominal_that_is_open_is_refused(mesh):
     write_solid(nominal, BOX.vertices_xyz, BOX.faces[1:])
     result, _ = run(mesh, nominal)
     assert isinstance(result.exception, GeometryError)
-    assert 'open.stl: the triangles do not close' in str(result.exception)
+    assert 'open.stl: the mesh is not closed' in str(result.exception)
     assert listing(mesh.parent) == ['mesh.ply', 'open.stl']
 
 

@@ -12,13 +12,13 @@ from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.inspection.alignment import align
-from ivfmc_ros.inspection.alignment import from_datums
+from ivfmc_ros.inspection.alignment import align_datums
 from ivfmc_ros.inspection.inspect import inspect
-from ivfmc_ros.inspection.nominal import Body
-from ivfmc_ros.inspection.nominal import read_body
-from ivfmc_ros.inspection.nominal import require_alike
-from ivfmc_ros.inspection.nominal import require_closed
-from ivfmc_ros.inspection.regions import regions_of
+from ivfmc_ros.inspection.mesh_file import MeshBody
+from ivfmc_ros.inspection.mesh_file import read_mesh
+from ivfmc_ros.inspection.mesh_file import require_closed
+from ivfmc_ros.inspection.mesh_file import require_similar_size
+from ivfmc_ros.inspection.regions import segment_surface
 from ivfmc_ros.inspection.reports.summary import document
 from ivfmc_ros.inspection.settings import InspectSettings
 from ivfmc_ros.inspection.verdict import judge
@@ -34,7 +34,7 @@ BOX = box((0.02, 0.03, 0.05))
 
 
 def body(solid, closed=True):
-    return Body(vertices_xyz=solid.vertices_xyz, faces=solid.faces, closed=closed)
+    return MeshBody(vertices_xyz=solid.vertices_xyz, faces=solid.faces, closed=closed)
 
 
 def fine_box():
@@ -44,7 +44,7 @@ def fine_box():
     mesh = o3d.geometry.TriangleMesh(
         o3d.utility.Vector3dVector(BOX.vertices_xyz), o3d.utility.Vector3iVector(BOX.faces)
     ).subdivide_midpoint(5)
-    return Body(
+    return MeshBody(
         vertices_xyz=np.asarray(mesh.vertices), faces=np.asarray(mesh.triangles), closed=True
     )
 
@@ -97,15 +97,15 @@ def test_uncertain_calibration_leaves_it_undecided():
 
 def test_features_of_a_shaft_are_found_and_sized():
     found = inspect(body(SHAFT), body(SHAFT), InspectSettings(edge=0.0, align='none'))
-    sizes = sorted(s.feature.diameter for s in found.sizes if s.feature.kind == 'cylinder')
+    sizes = sorted(s.feature.diameter for s in found.features if s.feature.kind == 'cylinder')
     assert sizes == pytest.approx([0.02, 0.04], abs=2e-6)
 
 
 def test_faces_of_a_box_and_a_shaft_are_told_apart():
-    assert [region.name for region in regions_of(BOX.vertices_xyz, BOX.faces)] == [
+    assert [region.name for region in segment_surface(BOX.vertices_xyz, BOX.faces)] == [
         f'plane {k}' for k in range(1, 7)
     ]
-    shapes = [region.shape.kind for region in regions_of(SHAFT.vertices_xyz, SHAFT.faces)]
+    shapes = [region.shape.kind for region in segment_surface(SHAFT.vertices_xyz, SHAFT.faces)]
     assert sorted(shapes) == ['cylinder', 'cylinder', 'plane', 'plane', 'plane']
 
 
@@ -114,10 +114,10 @@ def test_chamfer_is_no_sphere():
 
     profile = [[0, 0], [0.02, 0], [0.02, 0.01], [0.019, 0.011], [0, 0.011]]
     turned = trimesh.creation.revolve(np.array(profile), sections=256)
-    names = [r.name for r in regions_of(turned.vertices, np.asarray(turned.faces))]
+    names = [r.name for r in segment_surface(turned.vertices, np.asarray(turned.faces))]
     assert sorted(names) == ['cylinder 1', 'free form 1', 'plane 1', 'plane 2']
     ball = sphere(0.02)
-    assert [r.name for r in regions_of(ball.vertices_xyz, ball.faces)] == ['sphere 1']
+    assert [r.name for r in segment_surface(ball.vertices_xyz, ball.faces)] == ['sphere 1']
 
 
 def test_what_closes_a_mesh_is_not_judged():
@@ -151,49 +151,49 @@ def test_global_alignment_finds_the_pose_from_anywhere(seed):
 def test_datum_points_give_the_pose():
     points = np.array([[0.0, 0, 0], [0.03, 0, 0], [0, 0.02, 0], [0, 0, 0.05]])
     T = transforms.rigid(Rotation.from_rotvec([0.1, -0.4, 0.2]).as_matrix(), (0.01, 0.02, 0.03))
-    found = from_datums(points, transforms.apply(T, points))
+    found = align_datums(points, transforms.apply(T, points))
     assert found.nominal_from_mesh == pytest.approx(T, abs=1e-12)
-    with pytest.raises(GeometryError, match='datum: the points lie on one line'):
-        from_datums(np.outer(np.arange(4.0), [1, 1, 0]), np.outer(np.arange(4.0), [1, 0, 0]))
+    with pytest.raises(GeometryError, match='datum: the points are collinear'):
+        align_datums(np.outer(np.arange(4.0), [1, 1, 0]), np.outer(np.arange(4.0), [1, 0, 0]))
     with pytest.raises(GeometryError, match='three or more points'):
-        from_datums(points[:2], points[:2])
+        align_datums(points[:2], points[:2])
 
 
 @pytest.mark.parametrize(('wrong', 'right'), [('m', 'mm'), ('inch', 'mm'), ('mm', 'inch')])
 def test_unit_that_is_wrong_is_suspected_and_named(tmp_path, wrong, right):
     write_solid(tmp_path / 'nominal.stl', BOX.vertices_xyz, BOX.faces, right)
-    nominal = read_body(tmp_path / 'nominal.stl', wrong)
-    with pytest.raises(GeometryError, match=f'in {right} they would be alike.*--nominal-unit'):
-        require_alike(fine_box(), nominal, tmp_path / 'nominal.stl', wrong)
-    again = read_body(tmp_path / 'nominal.stl', right)
-    require_alike(fine_box(), again, tmp_path / 'nominal.stl', right)
+    nominal = read_mesh(tmp_path / 'nominal.stl', wrong)
+    with pytest.raises(GeometryError, match=f'in {right} the sizes would agree.*--nominal-unit'):
+        require_similar_size(fine_box(), nominal, tmp_path / 'nominal.stl', wrong)
+    again = read_mesh(tmp_path / 'nominal.stl', right)
+    require_similar_size(fine_box(), again, tmp_path / 'nominal.stl', right)
     assert again.closed
 
 
 def test_size_that_no_unit_explains_is_said_so(tmp_path):
     large = replace(fine_box(), vertices_xyz=fine_box().vertices_xyz * 5)
-    with pytest.raises(GeometryError, match='no unit makes them alike'):
-        require_alike(large, body(BOX), tmp_path / 'x.stl', 'mm')
+    with pytest.raises(GeometryError, match='the sizes agree in no unit'):
+        require_similar_size(large, body(BOX), tmp_path / 'x.stl', 'mm')
 
 
 def test_nominal_with_a_hole_is_refused(tmp_path):
     write_solid(tmp_path / 'open.stl', BOX.vertices_xyz, BOX.faces[1:])
-    nominal = read_body(tmp_path / 'open.stl', 'mm')
+    nominal = read_mesh(tmp_path / 'open.stl', 'mm')
     assert not nominal.closed
-    with pytest.raises(GeometryError, match=r'open\.stl: the triangles do not close'):
+    with pytest.raises(GeometryError, match=r'open\.stl: the mesh is not closed'):
         require_closed(nominal, tmp_path / 'open.stl')
 
 
 def test_files_that_are_no_meshes_are_refused(tmp_path):
     (tmp_path / 'text.stl').write_text('nothing')
-    with pytest.raises(FileError, match=r'text\.stl: holds no triangles'):
-        read_body(tmp_path / 'text.stl', 'mm')
-    with pytest.raises(FileError, match='there is no such file'):
-        read_body(tmp_path / 'none.stl', 'mm')
-    with pytest.raises(FileError, match=r"'\.step' is no mesh format known here"):
-        read_body(tmp_path / 'part.step', 'mm')
+    with pytest.raises(FileError, match=r'text\.stl: has no triangles'):
+        read_mesh(tmp_path / 'text.stl', 'mm')
+    with pytest.raises(FileError, match='file not found'):
+        read_mesh(tmp_path / 'none.stl', 'mm')
+    with pytest.raises(FileError, match=r"'\.step' is not a supported mesh format"):
+        read_mesh(tmp_path / 'part.step', 'mm')
     with pytest.raises(ParameterError, match="unit: 'cm' is not one of"):
-        read_body(tmp_path / 'text.stl', 'cm')
+        read_mesh(tmp_path / 'text.stl', 'cm')
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ from support.cylinder_scan import stated_cell
 
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.inspection.uncertainty import calibration_modes
+from ivfmc_ros.inspection.uncertainty import CalibrationModes
 from ivfmc_ros.inspection.uncertainty import Conditions
-from ivfmc_ros.inspection.uncertainty import Modes
 
 
 def ring(radius=0.03, count=200):
@@ -26,7 +26,7 @@ def test_cell_without_covariance_moves_nothing():
     points, normals = ring()
     modes = calibration_modes(bare, points, normals)
     assert modes.shifts.shape == (0, 200, 3)
-    assert (modes.along(points, normals, fitted=False) == 0).all()
+    assert (modes.along_normals(points, normals, fitted=False) == 0).all()
 
 
 def test_axis_that_is_nearer_makes_a_round_part_smaller_or_larger():
@@ -47,9 +47,9 @@ def test_axis_that_is_nearer_makes_a_round_part_smaller_or_larger():
 def test_best_fit_takes_up_what_moves_the_part_as_a_whole():
     points, normals = ring()
     shift = np.tile([1e-4, 0.0, 0.0], (1, len(points), 1))
-    modes = Modes(shifts=shift)
-    assert modes.along(points, normals, fitted=False).max() == pytest.approx(1e-4)
-    assert modes.along(points, normals, fitted=True).max() < 1e-9
+    modes = CalibrationModes(shifts=shift)
+    assert modes.along_normals(points, normals, fitted=False).max() == pytest.approx(1e-4)
+    assert modes.along_normals(points, normals, fitted=True).max() < 1e-9
 
 
 def test_diameter_of_a_miscalibrated_cell_is_within_its_interval():

@@ -73,29 +73,29 @@ def test_black_picture_is_an_empty_profile_that_is_counted():
     assert found.counts.pictures_without_stripe == found.counts.pictures == 1
 
 
-def coloured(image):
+def colored(image):
     """Green saturates, blue and red do not."""
     light = image.astype(np.float64)
     return np.stack([0.5 * light, 3.0 * light, light], axis=2).clip(0, 255).astype(np.uint8)
 
 
-def test_colours_are_chosen_by_the_pictures():
+def test_colors_are_chosen_by_the_pictures():
     found = acquisition()
     frames = sphere_frames(small_cell(), SPHERE, 3)
-    found.prepare(replace(frame, image=coloured(frame.image)) for frame in frames)
+    found.resolve_auto_settings(replace(frame, image=colored(frame.image)) for frame in frames)
     assert found.settings.extract.channel == 'blue+red'
 
 
-def test_colours_are_chosen_by_the_part_and_not_by_the_wall():
+def test_colors_are_chosen_by_the_part_and_not_by_the_wall():
     found = acquisition()
     (frame,) = sphere_frames(small_cell(), SPHERE, 1)
     image = np.repeat(frame.image[..., None], 3, axis=2)
     image[:, 20:40, 2] = 255
-    found.prepare([replace(frame, image=image)])
+    found.resolve_auto_settings([replace(frame, image=image)])
     assert found.settings.extract.channel == 'blue+green+red'
 
 
-def test_colours_of_a_stripe_along_rows_are_chosen_across_it():
+def test_colors_of_a_stripe_along_rows_are_chosen_across_it():
     # a level stripe: of the few rows that are lit one is clipped, in one pixel
     cell = small_cell()
     cell = replace(cell, lasers=(replace(cell.lasers[0], stripe='columns'),))
@@ -104,7 +104,7 @@ def test_colours_of_a_stripe_along_rows_are_chosen_across_it():
     image[250, 300:304, 1] = 255.0
     image[240:262] *= 1.3
     found = Acquisition(cell, AcquisitionSettings())
-    found.prepare([frame_of(image.clip(0, 255).astype(np.uint8))])
+    found.resolve_auto_settings([frame_of(image.clip(0, 255).astype(np.uint8))])
     assert found.settings.extract.channel == 'blue+green+red'
 
 
@@ -112,27 +112,27 @@ def test_chosen_channel_is_not_changed():
     settings = AcquisitionSettings()
     settings = replace(settings, extract=replace(settings.extract, channel='green'))
     found = Acquisition(small_cell(), settings)
-    found.prepare([frame_of(coloured(BLACK))])
+    found.resolve_auto_settings([frame_of(colored(BLACK))])
     assert found.settings.extract.channel == 'green'
 
 
 def test_picture_of_another_size_is_refused():
     small = frame_of(np.zeros((480, 640), dtype=np.uint8))
-    with pytest.raises(CellError, match=r'^picture 7: the picture is 640 x 480'):
+    with pytest.raises(CellError, match=r'^image 7: the (picture|image) is 640 x 480'):
         acquisition().profile(small)
-    with pytest.raises(CellError, match=r'^picture 7: the picture is 640 x 480'):
-        acquisition().prepare([small])
+    with pytest.raises(CellError, match=r'^image 7: the (picture|image) is 640 x 480'):
+        acquisition().resolve_auto_settings([small])
 
 
 @pytest.mark.parametrize('laser', [2, -1])
 def test_laser_that_the_cell_does_not_have_is_refused(laser):
-    with pytest.raises(CellError, match=rf'^picture 7: shows laser {laser}, the cell has 2'):
+    with pytest.raises(CellError, match=rf'^image 7: laser index {laser}, the cell has 2'):
         acquisition().profile(frame_of(BLACK, laser=laser))
 
 
 @pytest.mark.parametrize('angle', [np.nan, np.inf])
 def test_angle_that_is_not_known_is_refused(angle):
-    with pytest.raises(GeometryError, match=r'^picture 7: the table angle is .*, not a number'):
+    with pytest.raises(GeometryError, match=r'^image 7: the table angle is .*, must be finite'):
         acquisition().profile(frame_of(BLACK, angle=angle))
 
 

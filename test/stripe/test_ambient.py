@@ -9,9 +9,9 @@ from ivfmc_ros.simulation.parts.solids import demo_part
 from ivfmc_ros.simulation.render.renderer import simulate_scan
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
-from ivfmc_ros.stripe.ambient import lit_by_laser
-from ivfmc_ros.stripe.ambient import of_difference
-from ivfmc_ros.stripe.noise import Noise
+from ivfmc_ros.stripe.ambient import noise_of_difference
+from ivfmc_ros.stripe.ambient import subtract_ambient
+from ivfmc_ros.stripe.noise import SensorNoise
 
 
 def frame(image, dark=None):
@@ -20,7 +20,7 @@ def frame(image, dark=None):
 
 def test_without_a_dark_picture_nothing_changes():
     image = np.full((2, 2), 7, dtype=np.uint8)
-    assert lit_by_laser(frame(image)) is image
+    assert subtract_ambient(frame(image)) is image
 
 
 @pytest.mark.parametrize('dtype', [np.uint8, np.uint16])
@@ -28,12 +28,12 @@ def test_clipped_pixels_stay_clipped_and_none_wraps(dtype):
     full = np.iinfo(dtype).max
     image = np.array([[full, 100, 20]], dtype=dtype)
     dark = np.array([[90, 30, 25]], dtype=dtype)
-    assert lit_by_laser(frame(image, dark)).tolist() == [[full, 70, 0]]
+    assert subtract_ambient(frame(image, dark)).tolist() == [[full, 70, 0]]
 
 
 def test_two_readings_are_noisier_than_one():
-    assert of_difference(Noise(read=2.0)).read == pytest.approx(2.0 * 2.0**0.5)
-    assert of_difference(None).read > Noise().read
+    assert noise_of_difference(SensorNoise(read=2.0)).read == pytest.approx(2.0 * 2.0**0.5)
+    assert noise_of_difference(None).read > SensorNoise().read
 
 
 def test_pictures_that_are_not_alike_are_refused():

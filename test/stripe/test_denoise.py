@@ -14,44 +14,47 @@ def chain(*gaps_mm):
 
 def test_piece_that_is_too_small_is_noise():
     points = chain(0.3, 0.3, 0.3, 5.0, 0.3, 5.0, 0.3, 0.3, 0.3)
-    kept = denoise.near_neighbours(points, 2e-3, least=3)
+    kept = denoise.filter_by_neighbor_distance(points, 2e-3, least=3)
     assert kept.tolist() == [True] * 4 + [False] * 2 + [True] * 4
 
 
 def test_least_is_enough():
     points = chain(0.3, 5.0, 0.3, 0.3)
-    assert denoise.near_neighbours(points, 2e-3, least=2).all()
-    assert denoise.near_neighbours(points, 2e-3, least=3).tolist() == [False] * 2 + [True] * 3
-    assert not denoise.near_neighbours(points, 2e-3, least=4).any()
+    assert denoise.filter_by_neighbor_distance(points, 2e-3, least=2).all()
+    assert (
+        denoise.filter_by_neighbor_distance(points, 2e-3, least=3).tolist()
+        == [False] * 2 + [True] * 3
+    )
+    assert not denoise.filter_by_neighbor_distance(points, 2e-3, least=4).any()
 
 
 def test_threshold_divides():
     points = chain(1.9, 2.1, 1.9)
-    assert not denoise.near_neighbours(points, 2e-3, least=3).any()
-    assert denoise.near_neighbours(points, 2.2e-3, least=3).all()
+    assert not denoise.filter_by_neighbor_distance(points, 2e-3, least=3).any()
+    assert denoise.filter_by_neighbor_distance(points, 2.2e-3, least=3).all()
 
 
 def test_distance_is_measured_in_space():
     # 1.5 mm along each axis is 2.6 mm
     points = np.arange(5)[:, None] * np.full(3, 1.5e-3)
-    assert not denoise.near_neighbours(points, 2e-3, least=2).any()
+    assert not denoise.filter_by_neighbor_distance(points, 2e-3, least=2).any()
 
 
 def test_single_point_is_noise():
-    assert denoise.near_neighbours(chain(), 2e-3).tolist() == [False]
+    assert denoise.filter_by_neighbor_distance(chain(), 2e-3).tolist() == [False]
 
 
 def test_empty_profile_stays_empty():
     profile = make_profile(np.empty((0, 3)))
-    kept = denoise.near_neighbours(profile.points_xyz, 2e-3)
+    kept = denoise.filter_by_neighbor_distance(profile.points_xyz, 2e-3)
     assert kept.tolist() == []
-    assert len(denoise.keep(profile, kept)) == 0
+    assert len(denoise.select_points(profile, kept)) == 0
 
 
 def test_kept_points_keep_all_that_belongs_to_them():
     profile = make_profile(np.random.default_rng(1).normal(size=(6, 3)), angle=0.3, seq=7)
     chosen = np.array([True, False, True, False, False, True])
-    kept = denoise.keep(profile, chosen)
+    kept = denoise.select_points(profile, chosen)
     for name in ('points_xyz', 'intensity', 'sigma', 'uv'):
         assert np.array_equal(getattr(kept, name), getattr(profile, name)[chosen])
     assert (kept.angle, kept.seq) == (0.3, 7)

@@ -8,8 +8,8 @@ from support.synthetic import expose
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
-from ivfmc_ros.stripe.noise import Noise
-from ivfmc_ros.stripe.region import Region
+from ivfmc_ros.stripe.noise import SensorNoise
+from ivfmc_ros.stripe.roi import RegionOfInterest
 
 ROWS, COLUMNS = 1000, 160
 FIELDS = ('uv', 'intensity', 'width', 'sigma')
@@ -61,7 +61,7 @@ def test_width_and_height_are_measured(sigma):
 def test_claimed_sigma_is_true(sigma, speckle, peak):
     rng = np.random.default_rng(1)
     u = phases()
-    settings = ExtractSettings(noise=Noise(speckle=speckle))
+    settings = ExtractSettings(noise=SensorNoise(speckle=speckle))
     found = extract(picture(u, sigma, rng, peak=peak, speckle=speckle), settings=settings)
     error = found.uv[:, 0] - u[found.uv[:, 1].astype(int)]
     assert len(found) > 0.99 * ROWS
@@ -77,31 +77,31 @@ def test_bench_stripe_is_found_near_the_noise_limit():
     pixels = np.arange(-20.0, 21.0)
     light = 150.0 * np.exp(-0.5 * (pixels / 2.5) ** 2)
     slope = light * pixels / 2.5**2
-    bound = (slope**2 / Noise().variance(light + 6.0, light)).sum() ** -0.5
+    bound = (slope**2 / SensorNoise().variance(light + 6.0, light)).sum() ** -0.5
     u = phases()
     found = extract(picture(u, 2.5, np.random.default_rng(2), speckle=0.15))
     error = found.uv[:, 0] - u[found.uv[:, 1].astype(int)]
     assert 0.95 * bound < error.std() < 1.10 * bound
 
 
-@pytest.mark.parametrize('colour', [False, True])
-def test_columns_are_rows_of_the_turned_picture(colour):
+@pytest.mark.parametrize('color', [False, True])
+def test_columns_are_rows_of_the_turned_picture(color):
     rng = np.random.default_rng(3)
     image = picture(phases(200), 2.5, rng, speckle=0.15)
-    if colour:
+    if color:
         image = np.stack([image // 2, image, image // 3], axis=2)
     mask = np.ones(image.shape[:2], dtype=bool)
     mask[50:60] = False
-    by_row = extract(image, 'rows', region=Region.of(mask))
+    by_row = extract(image, 'rows', region=RegionOfInterest.of(mask))
     turned = np.ascontiguousarray(np.swapaxes(image, 0, 1))
-    by_column = extract(turned, 'columns', region=Region.of(mask.T))
+    by_column = extract(turned, 'columns', region=RegionOfInterest.of(mask.T))
     assert len(by_row) == 190
     assert np.array_equal(by_column.uv, by_row.uv[:, ::-1])
     for name in FIELDS[1:]:
         assert np.array_equal(getattr(by_column, name), getattr(by_row, name))
 
 
-def test_saturated_colour_is_left_out_in_both_directions():
+def test_saturated_color_is_left_out_in_both_directions():
     light = draw_stripe(lines(phases(200)), (200, COLUMNS), peak=120.0)
     image = np.stack([light * 0.8, light * 4.0, light], axis=2).clip(0, 255).astype(np.uint8)
     for direction, turned in (('rows', image), ('columns', np.swapaxes(image, 0, 1).copy())):
@@ -118,7 +118,7 @@ def test_mask_hides_the_brighter_stripe():
     mask = np.zeros(image.shape, dtype=bool)
     mask[:, 70:90] = True
     assert np.abs(extract(image).uv[:, 0] - 30.0).max() < 0.1
-    assert np.abs(extract(image, region=Region.of(mask)).uv[:, 0] - phases()).max() < 0.1
+    assert np.abs(extract(image, region=RegionOfInterest.of(mask)).uv[:, 0] - phases()).max() < 0.1
 
 
 def test_method_of_the_paper_finds_the_rows_and_admits_its_error():
@@ -139,7 +139,7 @@ def test_what_lies_outside_of_the_region_changes_nothing(left):
     image = picture(phases(), 4.0, np.random.default_rng(7), speckle=0.15)
     mask = np.zeros(image.shape, dtype=bool)
     mask[100:900, left:100] = True
-    whole, cut = extract(image), extract(image, region=Region.of(mask))
+    whole, cut = extract(image), extract(image, region=RegionOfInterest.of(mask))
     inside = (whole.uv[:, 1] >= 100) & (whole.uv[:, 1] < 900)
     assert np.array_equal(cut.uv[:, 1], whole.uv[inside, 1])
     assert np.abs(cut.uv - whole.uv[inside]).max() < 1e-4
@@ -147,7 +147,7 @@ def test_what_lies_outside_of_the_region_changes_nothing(left):
 
 def test_mask_of_nothing_finds_nothing():
     image = picture(phases(50))
-    assert len(extract(image, region=Region.of(np.zeros(image.shape, dtype=bool)))) == 0
+    assert len(extract(image, region=RegionOfInterest.of(np.zeros(image.shape, dtype=bool)))) == 0
 
 
 def test_dim_rows_are_not_found():
@@ -192,7 +192,7 @@ def test_sixteen_bits_are_measured_as_eight():
     sixteen = eight.astype(np.uint16) * 257
     a, b = extract(eight), extract(sixteen)
     assert np.array_equal(a.uv[:, 1], b.uv[:, 1])
-    # the peak is searched in a smoothed picture, rounded to its own grey values: a few rows are
+    # the peak is searched in a smoothed picture, rounded to its own gray values: a few rows are
     # fitted from another start
     assert np.abs(a.uv - b.uv).max() < 0.02
     assert np.percentile(np.abs(a.uv - b.uv), 90) < 1e-3
@@ -201,7 +201,7 @@ def test_sixteen_bits_are_measured_as_eight():
 
 
 @pytest.mark.parametrize('mirrored', [False, True])
-def test_stripe_that_the_border_cuts_is_not_measured_off_its_centre(mirrored):
+def test_stripe_that_the_border_cuts_is_not_measured_off_its_center(mirrored):
     u = np.linspace(-6.0, 30.0, 361)
     image = picture(u)
     if mirrored:
@@ -250,6 +250,6 @@ def test_setting_out_of_range_is_refused(name, value):
 
 
 @pytest.mark.parametrize('name', ['cyan', 'red+red', 'red,green', '', 'RED'])
-def test_channel_that_is_no_colour_is_refused(name):
-    with pytest.raises(ParameterError, match=r"^channel: '.*' is neither 'auto' nor colours"):
+def test_channel_that_is_no_color_is_refused(name):
+    with pytest.raises(ParameterError, match=r"^channel: '.*' must be 'auto' or colors"):
         ExtractSettings(channel=name)

@@ -7,7 +7,7 @@ from support.synthetic import expose
 
 from ivfmc_ros.errors import CalibrationError
 from ivfmc_ros.stripe.extract import ExtractSettings
-from ivfmc_ros.stripe.noise import Noise
+from ivfmc_ros.stripe.noise import SensorNoise
 from ivfmc_ros.stripe.noise_estimate import estimate_noise
 
 SHAPE = (400, 120)
@@ -22,7 +22,7 @@ def pictures(speckle, peaks=(60.0, 120.0, 180.0)):
 @pytest.mark.parametrize('speckle', [0.0, 0.1, 0.15])
 def test_noise_of_the_camera_is_found(speckle):
     made = estimate_noise(pictures(speckle), ExtractSettings())
-    truth = Noise(speckle=speckle)
+    truth = SensorNoise(speckle=speckle)
     assert made.noise.speckle == pytest.approx(speckle, abs=0.02)
     # shot noise and read noise are hard to tell apart; what counts is the variance
     total, laser = np.array([6.0, 30.0, 60.0, 150.0]), np.array([0.0, 24.0, 54.0, 144.0])
@@ -38,5 +38,5 @@ def test_stripe_that_is_no_bell_is_told():
 
 def test_dark_pictures_are_refused():
     dark = [np.full(SHAPE, 6, dtype=np.uint8)] * 2
-    with pytest.raises(CalibrationError, match=r'^noise: 0 pixels of a stripe in 2 pictures'):
+    with pytest.raises(CalibrationError, match=r'^noise: 0 pixels of a stripe in 2 images'):
         estimate_noise(dark, ExtractSettings())

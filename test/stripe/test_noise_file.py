@@ -6,14 +6,14 @@ import pytest
 
 from ivfmc_ros.errors import CellError
 from ivfmc_ros.errors import FileError
-from ivfmc_ros.stripe.noise import Noise
+from ivfmc_ros.stripe.noise import SensorNoise
 from ivfmc_ros.stripe.noise_file import load_noise
 from ivfmc_ros.stripe.noise_file import save_noise
 
 
 @pytest.mark.parametrize('shot', [45.0, math.inf])
 def test_what_is_saved_is_loaded(tmp_path, shot):
-    noise = Noise(read=1.5, electrons_per_dn=shot, speckle=0.12)
+    noise = SensorNoise(read=1.5, electrons_per_dn=shot, speckle=0.12)
     save_noise(tmp_path / 'noise.yaml', noise)
     assert load_noise(tmp_path / 'noise.yaml') == noise
 

@@ -7,7 +7,7 @@ from support.synthetic import expose
 
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
-from ivfmc_ros.stripe.noise import Noise
+from ivfmc_ros.stripe.noise import SensorNoise
 
 ROWS, COLUMNS = 300, 200
 MIDDLE = 100.3
@@ -25,7 +25,7 @@ def picture(cut, rest, speckle=0.0, seed=1):
 
 def measure(image, speckle=0.0, **settings):
     settings = ExtractSettings(
-        noise=Noise(speckle=speckle), max_error=50.0, max_doubt=50.0, **settings
+        noise=SensorNoise(speckle=speckle), max_error=50.0, max_uncertainty=50.0, **settings
     )
     found = extract(image, settings=settings)
     cut = (found.uv[:, 1] >= 105) & (found.uv[:, 1] < 195)
@@ -34,7 +34,7 @@ def measure(image, speckle=0.0, **settings):
 
 @pytest.mark.parametrize('rest', [0.0, 0.1, 0.5])
 @pytest.mark.parametrize('cut', [-0.5, 0.0, 0.5, 1.0])
-def test_cut_and_two_coloured_stripes_claim_a_larger_error(cut, rest):
+def test_cut_and_two_colored_stripes_claim_a_larger_error(cut, rest):
     error, sigma, inside = measure(picture(cut, rest))
     assert np.median(error[inside]) > 0.15
     # the size of the error, to a factor that grows as less is left of the stripe
@@ -58,7 +58,7 @@ def test_stripe_that_is_cut_in_all_rows_is_known_by_the_least_width():
 
 
 def test_cut_rows_are_dropped_where_edges_must_be_clean():
-    settings = ExtractSettings(noise=Noise(speckle=0.0), max_doubt=0.5)
+    settings = ExtractSettings(noise=SensorNoise(speckle=0.0), max_uncertainty=0.5)
     found = extract(picture(-0.5, 0.0), settings=settings)
     rows = set(found.uv[:, 1].astype(int))
     assert not rows & set(range(105, 195))
@@ -66,5 +66,5 @@ def test_cut_rows_are_dropped_where_edges_must_be_clean():
 
 
 def test_switched_off_it_claims_noise_alone():
-    _, sigma, inside = measure(picture(0.0, 0.0), doubt=False)
+    _, sigma, inside = measure(picture(0.0, 0.0), shape_uncertainty=False)
     assert sigma[inside].max() < 0.1

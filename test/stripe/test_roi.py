@@ -2,55 +2,65 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from support.synthetic import draw_stripe
-from support.synthetic import expose
+from support.synthetic import small_camera
+from support.synthetic import small_cell
 
-from ivfmc_ros.stripe.region import Region
-from ivfmc_ros.stripe.roi import ground
-from ivfmc_ros.stripe.roi import Part
-from ivfmc_ros.stripe.settings import ExtractSettings
+from ivfmc_ros.cell import transforms
+from ivfmc_ros.cell.volume import Volume
+from ivfmc_ros.stripe.roi import RegionOfInterest
+from ivfmc_ros.stripe.roi import stripe_mask
 
-ROWS = np.arange(100.0)
-
-
-def stripe():
-    return draw_stripe(np.stack([np.full(100, 200.0), ROWS], axis=1), (100, 400), peak=150.0)
+VOLUME = Volume(radius=0.03, bottom=0.01, top=0.07)
 
 
-@pytest.mark.parametrize('deviation', [1.0, 2.0, 5.0])
-@pytest.mark.parametrize('lit', [False, True])
-def test_noise_and_darkness_of_a_picture_are_found_beside_the_stripe(deviation, lit):
-    image = stripe() if lit else np.full((100, 400), 6.0)
-    base = np.full(image.shape, 20.0) + 200.0 * (image > 60)
-    noisy = base + np.random.default_rng(2).normal(0.0, deviation, image.shape)
-    noise, dark = ground(np.rint(noisy).clip(0, 255).astype(np.uint8), 'red')
-    assert noise == pytest.approx(np.hypot(deviation, 0.29), rel=0.2)
-    assert dark == pytest.approx(20.0, abs=0.5 * deviation)
+def on_sheet(cell, laser):
+    """Whether the sheet is in the volume, at every pixel, without the shortcuts of the source."""
+    u, v = np.meshgrid(np.arange(cell.camera.width), np.arange(cell.camera.height))
+    rays = cell.camera.rays(np.stack([u.ravel(), v.ravel()], axis=1))
+    base = transforms.apply(
+        transforms.invert(cell.turntable.camera_from_base), cell.lasers[laser].intersect(rays)
+    )
+    return VOLUME.contains(base).reshape(u.shape)
 
 
-@pytest.mark.parametrize('direction', ['rows', 'columns'])
-@pytest.mark.parametrize('colour', [False, True])
-def test_part_is_cut_from_the_turned_picture(direction, colour):
-    image = expose(stripe())
-    mask = np.zeros(image.shape, dtype=bool)
-    mask[30:50, 190:210] = True
-    upright = image[30:50, 190 - 59 : 210 + 59]
-    if direction == 'columns':
-        image, mask = np.swapaxes(image, 0, 1).copy(), mask.T
-    if colour:
-        image = np.stack([image // 2, image, image // 3], axis=2)
-    settings = ExtractSettings(channel='green')
-    part = Part.of(image, direction, settings, Region.of(mask))
-    assert np.array_equal(part.grey, upright)
-    assert (part.first, part.columns) == ((30, 131), 400)
-    assert part.mask.shape == upright.shape
-    assert (part.mask.sum(), part.mask[:, 59:-59].min()) == (255 * 20 * 20, 255)
-    whole = Part.of(image, direction, settings)
-    assert (part.noise, part.dark) == (whole.noise, whole.dark)
-    assert (whole.first, whole.grey.shape) == ((0, 0), (100, 400))
+@pytest.mark.parametrize('laser', [0, 1])
+def test_no_pixel_of_the_volume_is_masked(laser):
+    cell = small_cell(small_camera(distortion=np.array([-0.3, 0.1, 0, 0, 0])))
+    inside = on_sheet(cell, laser)
+    mask = stripe_mask(cell, laser, VOLUME)
+    assert mask.shape == (512, 640)
+    assert mask.dtype == bool
+    assert inside.sum() > 1000
+    assert mask[inside].all()
 
 
-def test_sixteen_bits_are_scaled_to_eight():
-    image = expose(stripe()).astype(np.uint16) * 257
-    part = Part.of(image, 'rows', ExtractSettings())
-    assert part.scale * part.grey.max() == pytest.approx(expose(stripe()).max())
+def test_little_more_than_the_volume_is_looked_at():
+    inside = on_sheet(small_cell(), 0)
+    mask = stripe_mask(small_cell(), 0, VOLUME)
+    rows, columns = np.nonzero(inside)
+    more_rows, more_columns = np.nonzero(mask)
+    assert rows.min() - more_rows.min() <= 12
+    assert more_rows.max() - rows.max() <= 12
+    assert columns.min() - more_columns.min() <= 12
+    assert more_columns.max() - columns.max() <= 12
+
+
+def test_volume_that_the_sheet_does_not_cross_is_all_masked():
+    high = Volume(radius=0.01, bottom=5.0, top=6.0)
+    assert not stripe_mask(small_cell(), 0, high).any()
+
+
+@pytest.mark.parametrize(
+    ('direction', 'reach', 'rows', 'columns'),
+    [
+        ('rows', 5, (20, 31), (35, 56)),
+        ('rows', 50, (20, 31), (0, 80)),
+        ('columns', 5, (15, 36), (40, 51)),
+        ('columns', 25, (0, 50), (40, 51)),
+    ],
+)
+def test_window_holds_the_region_and_its_surroundings_across(direction, reach, rows, columns):
+    mask = np.zeros((50, 80), dtype=bool)
+    mask[[20, 25, 30], [40, 45, 50]] = True
+    window = RegionOfInterest.of(mask).window(direction, reach)
+    assert window == (slice(*rows), slice(*columns))

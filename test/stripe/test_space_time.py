@@ -11,15 +11,15 @@ from support.synthetic import Sphere
 from ivfmc_ros.model import Frame
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
-from ivfmc_ros.stripe.noise import Noise
-from ivfmc_ros.stripe.space_time import refine
+from ivfmc_ros.stripe.noise import SensorNoise
+from ivfmc_ros.stripe.space_time import space_time_profile
 from ivfmc_ros.stripe.triangulate import triangulate
 
 CELL = small_cell()
 SPHERE = Sphere(np.array([0.02, 0.012, 0.045]), 0.02)
 STEP = np.radians(0.2)
 HALF = 7
-QUIET = ExtractSettings(noise=Noise(speckle=0.0), max_error=50.0, doubt=False)
+QUIET = ExtractSettings(noise=SensorNoise(speckle=0.0), max_error=50.0, shape_uncertainty=False)
 
 
 def pinhole_rays():
@@ -64,7 +64,7 @@ def test_points_are_as_good_as_from_one_picture_and_know_it():
     frames = sweep()
     stripe = extract(frames[HALF].image, settings=QUIET)
     alone = triangulate(CELL, frames[HALF], stripe)
-    together = refine(CELL, frames, HALF, stripe, QUIET)
+    together = space_time_profile(CELL, frames, HALF, stripe, QUIET)
     assert len(together) > 0.8 * len(alone)
     # a coarse cell: 0.35 mm a pixel; the ends of the stripe leave the sheet within the sweep
     middle = np.abs(together.points_xyz[:, 2] - SPHERE.center[2]) < 0.012
@@ -73,7 +73,7 @@ def test_points_are_as_good_as_from_one_picture_and_know_it():
     assert (together.sigma > 0).all()
 
 
-def test_change_of_colour_moves_points_less():
+def test_change_of_color_moves_points_less():
     lit = SPHERE.stripe(CELL, 0.0)
     rays = CELL.camera.rays(lit)
     points = CELL.turntable.to_part(CELL.lasers[0].intersect(rays), 0.0) - SPHERE.center
@@ -81,7 +81,7 @@ def test_change_of_colour_moves_points_less():
     frames = sweep(border)
     stripe = extract(frames[HALF].image, settings=QUIET)
     alone = triangulate(CELL, frames[HALF], stripe)
-    together = refine(CELL, frames, HALF, stripe, QUIET)
+    together = space_time_profile(CELL, frames, HALF, stripe, QUIET)
     assert len(together) > 20
     assert rms(together) < 0.6 * rms(alone)
 
@@ -90,4 +90,4 @@ def test_no_stripe_gives_an_empty_profile():
     frames = sweep()
     dark = [replace(frame, image=np.full_like(frame.image, 6)) for frame in frames]
     stripe = extract(dark[HALF].image, settings=QUIET)
-    assert len(refine(CELL, dark, HALF, stripe, QUIET)) == 0
+    assert len(space_time_profile(CELL, dark, HALF, stripe, QUIET)) == 0

@@ -13,9 +13,9 @@ from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.model import Frame
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
-from ivfmc_ros.stripe.sampling import SampledAcquisition
-from ivfmc_ros.stripe.space_time_stream import FollowedAcquisition
-from ivfmc_ros.stripe.space_time_stream import stream_of
+from ivfmc_ros.stripe.space_time_stream import create_stream
+from ivfmc_ros.stripe.space_time_stream import SpaceTimeAcquisition
+from ivfmc_ros.stripe.stream import StreamAcquisition
 
 SPHERE = Sphere(np.array([0.01, 0.005, 0.04]), 0.02)
 STEPS = 12
@@ -34,7 +34,7 @@ def frames():
 
 
 def followed(frames, sampled=5):
-    stream = FollowedAcquisition(
+    stream = SpaceTimeAcquisition(
         Acquisition(small_cell(), AcquisitionSettings(space_time=HALF)), sampled
     )
     come = [stream.add(frame) for frame in frames]
@@ -78,7 +78,7 @@ def test_steps_in_which_nothing_is_confirmed_are_refused(frames):
         followed(frames[:2])
 
 
-@pytest.mark.parametrize(('half', 'kind'), [(0, SampledAcquisition), (8, FollowedAcquisition)])
+@pytest.mark.parametrize(('half', 'kind'), [(0, StreamAcquisition), (8, SpaceTimeAcquisition)])
 def test_settings_say_whether_points_are_followed(half, kind):
     acquisition = Acquisition(small_cell(), AcquisitionSettings(space_time=half))
-    assert isinstance(stream_of(acquisition), kind)
+    assert isinstance(create_stream(acquisition), kind)

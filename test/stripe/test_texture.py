@@ -9,29 +9,29 @@ from support.synthetic import sphere_frames
 from ivfmc_ros.registration.views.assemble import assemble
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
-from ivfmc_ros.stripe.texture import colours
+from ivfmc_ros.stripe.texture import sample_colors
 
 SPHERE = Sphere(np.array([0.01, 0.005, 0.04]), 0.02)
 UV = np.array([[1.0, 0.0], [0.5, 1.0]])
 
 
-def test_colours_are_red_green_blue_and_interpolated():
+def test_colors_are_red_green_blue_and_interpolated():
     picture = np.zeros((2, 3, 3), dtype=np.uint8)
     picture[0, 1] = (10, 20, 30)
     picture[1, 0] = (100, 0, 0)
-    assert colours(UV, picture).tolist() == [[30, 20, 10], [0, 0, 50]]
+    assert sample_colors(UV, picture).tolist() == [[30, 20, 10], [0, 0, 50]]
 
 
 @pytest.mark.parametrize(('kind', 'white'), [(np.uint8, 255), (np.uint16, 65535)])
-def test_mono_pictures_give_grey(kind, white):
-    assert (colours(UV, np.full((2, 3), white, dtype=kind)) == 255).all()
+def test_mono_pictures_give_gray(kind, white):
+    assert (sample_colors(UV, np.full((2, 3), white, dtype=kind)) == 255).all()
 
 
-def test_no_point_has_no_colour():
-    assert colours(np.zeros((0, 2)), np.zeros((4, 4), dtype=np.uint8)).shape == (0, 3)
+def test_no_point_has_no_color():
+    assert sample_colors(np.zeros((0, 2)), np.zeros((4, 4), dtype=np.uint8)).shape == (0, 3)
 
 
-def test_colour_goes_with_the_points_into_the_view():
+def test_color_goes_with_the_points_into_the_view():
     cell = small_cell()
     acquisition = Acquisition(cell, AcquisitionSettings())
     texture = np.zeros((512, 640, 3), dtype=np.uint8)

@@ -107,7 +107,7 @@ def _rendered(job: Job) -> list[Stripe]:
     renderer = StripeRenderer(cell=cell, solid=job.solid, platter=None, seed=job.seed)
     acquisition = Acquisition(cell, AcquisitionSettings())
     some = np.linspace(0, len(job.angles) - 1, _PREPARED).astype(int)
-    acquisition.prepare(
+    acquisition.resolve_auto_settings(
         [renderer.render(float(job.angles[k]), job.laser, seq=int(k)) for k in some]
     )
     found = []

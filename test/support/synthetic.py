@@ -43,7 +43,7 @@ def small_cell(camera: Camera | None = None) -> Cell:
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """A sphere that turns with the table; center (3,) and radius in metres, in turntable."""
+    """A sphere that turns with the table; center (3,) and radius in meters, in turntable."""
 
     center: Floats
     radius: float
@@ -98,7 +98,7 @@ def draw_stripe(
     sigma: float = 2.5,
     ambient: float = 6.0,
 ) -> Floats:
-    """Return (h, w) grey values without noise; uv (n, 2) with at most one point in a row."""
+    """Return (h, w) gray values without noise; uv (n, 2) with at most one point in a row."""
     light = np.full(shape, ambient)
     rows = np.round(uv[:, 1]).astype(int)
     columns = np.arange(shape[1])
@@ -115,7 +115,7 @@ def expose(
     electrons_per_dn: float = 45.0,
     speckle: float = 0.0,
 ) -> Image:
-    """Return the uint8 picture of (h, w) grey values; without rng only the rounding is noise."""
+    """Return the uint8 picture of (h, w) gray values; without rng only the rounding is noise."""
     if rng is not None:
         laser = light - ambient
         if speckle:

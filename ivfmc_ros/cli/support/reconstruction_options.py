@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Options that say how a scan is reconstructed, in the units that people measure in."""
+"""Options of the reconstruction: bag to mesh; lengths in mm unless a unit is given."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import TypeVar
 import click
 
 from ivfmc_ros.cell.volume import Volume
+from ivfmc_ros.cli.support.quantities import length
 from ivfmc_ros.meshing.io.export import UNITS
 from ivfmc_ros.meshing.settings import CLOSINGS
 from ivfmc_ros.meshing.settings import MeshSettings
@@ -24,52 +25,50 @@ from ivfmc_ros.stripe.noise_file import load_noise
 
 Command = TypeVar('Command', bound=Callable[..., Any])
 
-_MM = 1e-3
-
 _OPTIONS = (
-    click.option('--radius', type=float, default=60.0, show_default=True, metavar='MM',
+    click.option('--radius', type=length(1e-4, 10.0), default='60mm', show_default=True,
                  help='Radius of the working volume about the table axis.'),
-    click.option('--bottom', type=float, default=0.0, show_default=True, metavar='MM',
+    click.option('--bottom', type=length(-1.0, 10.0), default='0mm', show_default=True,
                  help='Height above the platter where the working volume begins.'),
-    click.option('--top', type=float, default=100.0, show_default=True, metavar='MM',
+    click.option('--top', type=length(-1.0, 10.0), default='100mm', show_default=True,
                  help='Height above the platter where the working volume ends.'),
     click.option('--method', default='auto', show_default=True,
                  type=click.Choice(['auto', *STRIPE_METHODS]),
-                 help='How the place of the stripe is estimated.'),
+                 help='Estimator of the stripe position in each row.'),
     click.option('--channel', default='auto', show_default=True,
-                 help='Colours that measure the stripe, such as red or blue+red; auto takes '
-                      'those that do not saturate.'),
-    click.option('--max-doubt', type=float, default=0.3, show_default=True,
-                 help='A stripe point whose place is in doubt by more than this share of the '
-                      "stripe's width is dropped; less keeps edges cleaner."),
+                 help='Color channels that measure the stripe, such as red or blue+red; auto '
+                      'takes those that do not saturate.'),
+    click.option('--max-uncertainty', type=float, default=0.3, show_default=True,
+                 help='Drop stripe points whose position has a larger standard uncertainty, as '
+                      'a fraction of the stripe width; smaller values give cleaner edges.'),
     click.option('--space-time', type=int, default=0, show_default=True, metavar='PICTURES',
-                 help='Follow each point through so many pictures before and after: cleaner edges '
-                      'and changes of colour where angle steps are dense. 0 for none.'),
+                 help='Space-time analysis over this many pictures before and after: cleaner '
+                      'edges and changes of color where angle steps are small. 0: off.'),
     click.option('--noise', type=click.Path(path_type=Path),
                  help='noise.yaml of the camera.  [default: that of the bench cell]'),
     click.option('--min-contrast', type=float, default=0.01, show_default=True,
-                 help='Least height of the stripe above its background, share of full scale.'),
-    click.option('--noise-distance', type=float, default=2.0, show_default=True, metavar='MM',
-                 help='Neighbours on the stripe farther apart than this are not one surface.'),
+                 help='Smallest height of the stripe above its background, share of full scale.'),
+    click.option('--noise-distance', type=length(1e-6, 1.0), default='2mm', show_default=True,
+                 help='Largest distance between neighbors on the stripe that are one surface.'),
     click.option('--island', type=int, default=100, show_default=True, metavar='POINTS',
-                 help='A piece of surface with fewer points is noise.'),
+                 help='Connected components of a view with fewer points are dropped.'),
     click.option('--registration', type=click.Choice(METHODS), default='joint',
-                 show_default=True, help='How views are brought together.'),
+                 show_default=True, help='Registration method.'),
     click.option('--refine', 'refine', type=click.Choice(REFINABLE), multiple=True,
-                 help='What of the cell the scan may correct; the corrected cell.yaml lies '
-                      'beside the mesh. Repeatable.'),
-    click.option('--max-edge', type=float, metavar='MM',
+                 help='Self-calibration: what of the cell is estimated; the corrected cell.yaml '
+                      'is written beside the mesh. May be repeated.'),
+    click.option('--max-edge', type=length(0.0),
                  help='Longest edge of a triangle.  [default: 5 point spacings]'),
     click.option('--mesh', 'mesh_method', type=click.Choice(MESH_METHODS), default='integrate',
-                 show_default=True, help='How views become a mesh.'),
+                 show_default=True, help='Meshing method.'),
     click.option('--close', type=click.Choice(CLOSINGS), default='none', show_default=True,
-                 help='What is invented where nothing was seen; such triangles are marked.'),
-    click.option('--voxel', type=float, metavar='MM',
+                 help='What is filled where nothing was measured; such triangles are marked.'),
+    click.option('--voxel', type=length(0.0),
                  help='Edge of a voxel of the mesh.  [default: the point spacing]'),
     click.option('--smoothing', type=int, default=6, show_default=True, metavar='ROUNDS',
                  help='Rounds of bilateral normal filtering of the mesh.'),
-    click.option('--decimate', type=float, default=0.0, show_default=True, metavar='MM',
-                 help='Simplify the mesh by as much as it may deviate; 0 keeps all triangles.'),
+    click.option('--decimate', type=length(0.0), default='0mm', show_default=True,
+                 help='Largest deviation of the decimated mesh; 0 keeps all triangles.'),
     click.option('--unit', type=click.Choice(list(UNITS)), default='mm', show_default=True,
                  help='Unit of the mesh files.'),
 )  # fmt: skip
@@ -89,14 +88,14 @@ def settings_of(options: dict[str, Any]) -> Settings:
     :raises ParameterError: a value is out of range
     """
     volume = Volume(
-        radius=options['radius'] * _MM,
-        bottom=options['bottom'] * _MM,
-        top=options['top'] * _MM,
+        radius=options['radius'],
+        bottom=options['bottom'],
+        top=options['top'],
     )
     extract = ExtractSettings(
         method=options['method'],
         channel=options['channel'],
-        max_doubt=options['max_doubt'],
+        max_uncertainty=options['max_uncertainty'],
         noise=None if options['noise'] is None else load_noise(options['noise']),
         min_contrast=options['min_contrast'],
     )
@@ -104,7 +103,7 @@ def settings_of(options: dict[str, Any]) -> Settings:
         acquisition=AcquisitionSettings(
             extract=extract,
             volume=volume,
-            noise_distance=options['noise_distance'] * _MM,
+            noise_distance=options['noise_distance'],
             space_time=options['space_time'],
         ),
         island_least=options['island'],
@@ -116,12 +115,11 @@ def settings_of(options: dict[str, Any]) -> Settings:
 
 
 def _mesh(options: dict[str, Any]) -> MeshSettings:
-    voxel, max_edge = options['voxel'], options['max_edge']
     return MeshSettings(
         method=options['mesh_method'],
-        max_edge=None if max_edge is None else max_edge * _MM,
+        max_edge=options['max_edge'],
         close=options['close'],
-        voxel=None if voxel is None else voxel * _MM,
+        voxel=options['voxel'],
         smoothing=options['smoothing'],
-        decimate=options['decimate'] * _MM,
+        decimate=options['decimate'],
     )

@@ -9,11 +9,11 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ivfmc_ros.inspection.reports.picture import draw_cloud
-from ivfmc_ros.inspection.reports.picture import draw_mesh
-from ivfmc_ros.inspection.reports.picture import Picture
-from ivfmc_ros.inspection.reports.picture import Viewpoint
-from ivfmc_ros.inspection.reports.picture import write_sheet
+from ivfmc_ros.inspection.reports.rendering import ColorImage
+from ivfmc_ros.inspection.reports.rendering import draw_cloud
+from ivfmc_ros.inspection.reports.rendering import draw_mesh
+from ivfmc_ros.inspection.reports.rendering import Viewpoint
+from ivfmc_ros.inspection.reports.rendering import write_sheet
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Frame
 from ivfmc_ros.model import Mesh
@@ -33,7 +33,7 @@ def write_mesh_sheet(path: Path, mesh: Mesh) -> None:
 
 
 def write_cloud_sheet(path: Path, points_xyz: Floats, height: Floats) -> None:
-    """Draw (n, 3) points from six sides, coloured by (n,) values such as their height."""
+    """Draw (n, 3) points from six sides, colored by (n,) values such as their height."""
     tiles = [draw_cloud(points_xyz, height, view) for view in _viewpoints(points_xyz)]
     write_sheet(path, [tiles[:3], tiles[3:]])
 
@@ -53,7 +53,7 @@ def _viewpoints(points_xyz: Floats) -> list[Viewpoint]:
     ]
 
 
-def overlay(frame: Frame, profile: Profile, width: int = 640) -> Picture:
+def overlay(frame: Frame, profile: Profile, width: int = 640) -> ColorImage:
     """Return a camera picture, BGR, ``width`` pixels wide, with the points found in red."""
     image: Any = frame.image if frame.image.dtype == np.uint8 else frame.image // 257
     if image.ndim == 2:

@@ -10,7 +10,7 @@ import math
 from typing import Any
 
 # What is shown of figures in SI units: unit, factor, decimals.
-_MILLIMETRES = ('mm', 1e3, 4)
+_MILLIMETERS = ('mm', 1e3, 4)
 _DEGREES = ('deg', math.degrees(1.0), 3)
 _RATE = ('deg/s', math.degrees(1.0), 2)
 _SECONDS = ('s', 1.0, 1)
@@ -19,14 +19,14 @@ _UNITS = {
     'angle_from': _DEGREES,
     'angle_to': _DEGREES,
     'jitter': ('ms', 1e3, 2),
-    'max_edge': _MILLIMETRES,
-    'noise': _MILLIMETRES,
-    'rms': _MILLIMETRES,
-    'rms_after': _MILLIMETRES,
-    'rms_before': _MILLIMETRES,
+    'max_edge': _MILLIMETERS,
+    'noise': _MILLIMETERS,
+    'rms': _MILLIMETERS,
+    'rms_after': _MILLIMETERS,
+    'rms_before': _MILLIMETERS,
     'rotation': _DEGREES,
     'speed': _RATE,
-    'translation': _MILLIMETRES,
+    'translation': _MILLIMETERS,
 }
 
 
@@ -35,13 +35,13 @@ def tables(figures: Mapping[str, Any]) -> str:
     Return figures as sections: what has parts of its own comes below what has none.
 
     figures : mappings become sections of pairs, lists of mappings tables; what is empty is
-        left out. Metres are shown in millimetres, radians in degrees.
+        left out. Meters are shown in millimeters, radians in degrees.
     """
     return _section(figures, 2)
 
 
 def verdict(text: str) -> str:
-    """Return a verdict in its colour."""
+    """Return a verdict in its color."""
     safe = escape(text)
     return f'<span class="{safe.split(maxsplit=1)[0]}">{safe}</span>'
 
@@ -88,7 +88,7 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 def _unit(key: str) -> tuple[str, float, int] | None:
     if key.endswith('_m'):
-        return _MILLIMETRES
+        return _MILLIMETERS
     return _SECONDS if key.endswith('_s') else _UNITS.get(key)
 
 

@@ -18,7 +18,7 @@ td:first-child, th:first-child { text-align: left; white-space: nowrap }
 figure { margin: 0 } figcaption { color: #5a6675; font-size: 13px }
 """
 
-# Positions come as 16 bit shares of the box, colours as 8 bit (255: no value), corners as 32 bit.
+# Positions come as 16 bit shares of the box, colors as 8 bit (255: no value), corners as 32 bit.
 PROGRAM = """
 'use strict';
 (function () {
@@ -45,7 +45,7 @@ PROGRAM = """
     }`));
   gl.attachShader(program, shader(gl.FRAGMENT_SHADER, `#version 300 es
     precision highp float; in vec3 at; in float shown; uniform vec3 eye; uniform int plain;
-    out vec4 colour;
+    out vec4 color;
     vec3 map(float t) {
       vec3 cold = mix(vec3(0.10, 0.22, 0.65), vec3(0.35, 0.75, 0.85), smoothstep(0.0, 0.35, t));
       vec3 mild = mix(cold, vec3(0.45, 0.78, 0.40), smoothstep(0.3, 0.5, t));
@@ -56,7 +56,7 @@ PROGRAM = """
       vec3 n = normalize(cross(dFdx(at), dFdy(at)));
       float light = 0.35 + 0.65 * abs(dot(n, normalize(eye - at)));
       vec3 base = shown > 254.5 || plain == 1 ? vec3(0.72, 0.75, 0.78) : map(shown / 254.0);
-      colour = vec4(base * light, 1.0);
+      color = vec4(base * light, 1.0);
     }`));
   gl.linkProgram(program);
   if (!gl.getProgramParameter(program, gl.LINK_STATUS)) {
@@ -135,5 +135,5 @@ PROGRAM = """
 })();
 """
 
-# the colours of the fragment shader's map, for the bar beside the view
+# the colors of the fragment shader's map, for the bar beside the view
 BAR = 'linear-gradient(90deg,#1a38a6,#59bfd9 33%,#73c766 50%,#f2d140 70%,#cc1f1a)'

@@ -1,27 +1,27 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Ways to tell where in a row the middle of the stripe is, behind one interface."""
+"""Estimators of the sub-pixel stripe position from the pixels of a row, with one interface."""
 
 from collections.abc import Callable
 
 from ivfmc_ros.stripe.estimators import classic
 from ivfmc_ros.stripe.estimators import gaussian
-from ivfmc_ros.stripe.estimators.patches import Estimate
 from ivfmc_ros.stripe.estimators.patches import Patches
+from ivfmc_ros.stripe.estimators.patches import PeakEstimate
 from ivfmc_ros.stripe.estimators.peak_top import top_of_peak
-from ivfmc_ros.stripe.noise import Noise
+from ivfmc_ros.stripe.noise import SensorNoise
 
-Estimator = Callable[[Patches, Noise], Estimate]
+Estimator = Callable[[Patches, SensorNoise], PeakEstimate]
 
 DEFAULT = 'gaussian'
 
-# Their sigma is a share of the stripe's width wherever it is, not a matter of the picture: no
-# point is better than others, and no limit could leave the worse ones out.
-BLUNT = ('paper',)
+# Estimators whose sigma is a fraction of the stripe's width, whatever the pixels: the limit
+# ``max_error`` of pixel noise would drop all points or none.
+NOISE_INDEPENDENT = ('paper',)
 
 METHODS: dict[str, Estimator] = {
-    'paper': classic.brightest,
-    'centre_of_mass': classic.centre_of_mass,
+    'paper': classic.brightest_pixel,
+    'centre_of_mass': classic.center_of_mass,
     'zero_crossing': classic.zero_crossing,
     'log_gaussian': classic.log_gaussian,
     'top_of_peak': top_of_peak,

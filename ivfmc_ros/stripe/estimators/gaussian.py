@@ -1,13 +1,13 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Maximum-likelihood fit of a Gaussian stripe on a level background, all rows at once.
+Weighted Gauss-Newton fit of a Gaussian on a constant background, vectorized over all rows.
 
-The model of a row is exp(c0 + c1 x + c2 x^2) + b. Its derivatives are the bell itself times
+The model of a row is exp(c0 + c1 x + c2 x^2) + b. Its derivatives are the Gaussian times
 1, x, x^2, with the same x for all rows, so that every sum of the normal equations is a matrix
-product. Pixels weigh by the variance that the noise model gives to the fitted bell, not to the
-noisy pixel, which would pull the fit to what is dark by chance (the pitfall that Guo 2011, IEEE
-Signal Processing Magazine 28 (5), describes for the logarithmic fit).
+product. The weights are inverse variances of the fitted Gaussian by the noise model, not of the
+noisy pixels, which would bias the fit to pixels that are dark by chance (Guo 2011, A Simple
+Algorithm for Fitting a Gaussian Function, IEEE Signal Processing Magazine 28 (5)).
 """
 
 from dataclasses import dataclass
@@ -17,40 +17,42 @@ import numpy as np
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Singles
 from ivfmc_ros.stripe.estimators import symmetric
-from ivfmc_ros.stripe.estimators.patches import Estimate
 from ivfmc_ros.stripe.estimators.patches import Patches
+from ivfmc_ros.stripe.estimators.patches import PeakEstimate
 from ivfmc_ros.stripe.estimators.patches import signal_to_noise
-from ivfmc_ros.stripe.noise import Noise
+from ivfmc_ros.stripe.noise import SensorNoise
 
-_STEPS = 3
-_MANY_STEPS = 8
-# In the first steps a pixel brighter than the bell counts as noisy as its own brightness says:
-# where the bell starts too narrow, its dark flanks would seem to be known exactly.
-_CAUTIOUS = 2
-# A step may change the bell by at most this factor (e^3) within two sigmas.
-_LARGEST = 3.0
-# The fitted sigma stays within this factor of the rough one.
-_STRETCH = 2.5
-# How well the sides of a peak tell the background: grey values, and shares of its height.
-_LEVEL_SIGMA = 4.0
-_LEVEL_SHARE = 0.1
-
-
-# A pixel of which the fit takes more than this share tells nothing of its noise.
-_TAKEN = 0.7
-# Keeps the equations of a row with too few pixels solvable.
-_RIDGE = 1e-6
+# Gauss-Newton iterations of the position estimate, and of the noise estimate (``residuals``).
+_ITERATIONS = 3
+_MANY_ITERATIONS = 8
+# In the first iterations the variance of a pixel above the Gaussian is that of its own gray value:
+# an initial Gaussian that is too narrow would give its flanks too much weight.
+_CAUTIOUS_ITERATIONS = 2
+# Largest change of the exponent within two sigmas per iteration (a factor of e^3).
+_MAX_EXPONENT_STEP = 3.0
+# The fitted sigma is limited to this factor of the detected one.
+_MAX_WIDTH_RATIO = 2.5
+# Standard deviation of the prior of the background: gray values, or a fraction of the height.
+_BACKGROUND_SIGMA = 4.0
+_BACKGROUND_FRACTION = 0.1
+# Residuals of pixels with a larger leverage are not used for the noise estimate.
+_MAX_LEVERAGE = 0.7
+# Relative damping of the normal equations, for rows with too few pixels.
+_DAMPING = 1e-6
+# Upper limit of the exponent, against overflow.
+_MAX_EXPONENT = 20.0
 
 
 @dataclass(frozen=True, eq=False)
 class _State:
     """
-    Where the fit stands.
+    The linearization of the fit at the current parameters.
 
-    bell, residual : (w, n) float32, grey values
-    weight : (w, n) float32, 1 / variance, 0 for unused pixels
+    bell : (w, n) float32, gray values of the Gaussian without background
+    residual : (w, n) float32, gray values
+    weight : (w, n) float32, 1 / variance; 0 for unused pixels
     covariance : (6, n) of c0, c1, c2, in the order 00, 01, 02, 11, 12, 22
-    step : (4, n), what Gauss and Newton would add to c
+    step : (4, n), Gauss-Newton step of c
     """
 
     bell: Singles
@@ -62,35 +64,37 @@ class _State:
 
 class _Fit:
     """
-    The same fit in many rows.
+    The fits of n rows.
 
-    c : (4, n), the polynomial and the background
-    values, used : (w, n), as of the patches
-    powers : (5, w), of x
+    c : (4, n) parameters c0, c1, c2 and background b
+    values, used : (w, n), transposed from the patches
+    powers : (5, w), x^0 to x^4
     """
 
-    def __init__(self, patches: Patches, noise: Noise) -> None:
+    def __init__(self, patches: Patches, noise: SensorNoise) -> None:
         rough = patches.rough
-        # rows side by side: what belongs to a row then applies to all its pixels at once
+        # transposed, so that the arrays of one value per row broadcast
         self.values: Singles = np.ascontiguousarray(patches.values.T)
         self.used: Singles = np.ascontiguousarray(patches.used.T)
         self.powers: Singles = np.vander(patches.x, 5, increasing=True).T.astype(np.float32)
         self._noise = noise
         self._level = rough.level.astype(np.float64)
-        share = np.maximum(_LEVEL_SHARE * rough.height, _LEVEL_SIGMA).astype(np.float64)
+        share = np.maximum(_BACKGROUND_FRACTION * rough.height, _BACKGROUND_SIGMA).astype(
+            np.float64
+        )
         self._level_weight = share**-2
         self._sigma = np.maximum(rough.width.astype(np.float64), 0.7)
-        place = (rough.column - patches.column).astype(np.float64) + rough.middle
+        position = (rough.column - patches.column).astype(np.float64) + rough.middle
         curvature = -0.5 / self._sigma**2
         height = np.log(np.maximum(rough.height, 1.0))
         self.c: Floats = np.stack(
-            [height + curvature * place**2, -2.0 * curvature * place, curvature, self._level]
+            [height + curvature * position**2, -2.0 * curvature * position, curvature, self._level]
         )
 
-    def run(self, steps: int = _STEPS) -> _State:
-        """Do a fixed number of steps; return the state that the last, small one started from."""
+    def run(self, steps: int = _ITERATIONS) -> _State:
+        """Run a fixed number of iterations; return the linearization of the last one."""
         for step in range(steps):
-            state = self._evaluate(cautious=step < _CAUTIOUS)
+            state = self._evaluate(cautious=step < _CAUTIOUS_ITERATIONS)
             self._move(state.step)
         return state
 
@@ -104,69 +108,75 @@ class _Fit:
         return _State(bell, residual, weight, *self._solve(bell, weight, residual))
 
     def _solve(self, bell: Singles, weight: Singles, residual: Singles) -> tuple[Floats, Floats]:
-        """Return covariance and step: the background is eliminated, the rest is 3 x 3."""
+        """Return covariance and step; the background is eliminated by the Schur complement."""
         powers = self.powers
         by_bell = weight * bell
         squares = (powers @ (by_bell * bell)).astype(np.float64)
         mixed = (powers[:3] @ by_bell).astype(np.float64)
-        pull = (powers[:3] @ (by_bell * residual)).astype(np.float64)
+        rhs = (powers[:3] @ (by_bell * residual)).astype(np.float64)
         total = (powers[0] @ weight) + self._level_weight
-        pull_level = powers[0] @ (weight * residual)
-        pull_level = pull_level + self._level_weight * (self._level - self.c[3])
+        rhs_level = powers[0] @ (weight * residual)
+        rhs_level = rhs_level + self._level_weight * (self._level - self.c[3])
         share = mixed / total
         matrix = squares[symmetric.SUM] - mixed[symmetric.FIRST] * share[symmetric.SECOND]
-        matrix[symmetric.DIAGONAL] += _RIDGE * (1.0 + matrix[symmetric.DIAGONAL])
+        matrix[symmetric.DIAGONAL] += _DAMPING * (1.0 + matrix[symmetric.DIAGONAL])
         covariance = symmetric.inverse(matrix)
-        step = symmetric.times(covariance, pull - share * pull_level)
-        level_step = (pull_level - (mixed * step).sum(axis=0)) / total
+        step = symmetric.multiply(covariance, rhs - share * rhs_level)
+        level_step = (rhs_level - (mixed * step).sum(axis=0)) / total
         return covariance, np.concatenate([step, level_step[None]])
 
     def _move(self, step: Floats) -> None:
-        reach = 2.0 * self._sigma
-        size = np.abs(step[0]) + reach * (np.abs(step[1]) + reach * np.abs(step[2]))
-        step[:3] *= np.minimum(1.0, _LARGEST / np.maximum(size, 1e-9))
+        two_sigma = 2.0 * self._sigma
+        exponent_change = np.abs(step[0]) + two_sigma * (
+            np.abs(step[1]) + two_sigma * np.abs(step[2])
+        )
+        step[:3] *= np.minimum(1.0, _MAX_EXPONENT_STEP / np.maximum(exponent_change, 1e-9))
         self.c += step
-        bounds = -0.5 / (self._sigma / _STRETCH) ** 2, -0.5 / (self._sigma * _STRETCH) ** 2
+        bounds = (
+            -0.5 / (self._sigma / _MAX_WIDTH_RATIO) ** 2,
+            -0.5 / (self._sigma * _MAX_WIDTH_RATIO) ** 2,
+        )
         self.c[2] = np.minimum(np.maximum(self.c[2], bounds[0]), bounds[1])
 
 
-def fit(patches: Patches, noise: Noise) -> Estimate:
-    """Fit every patch, from its rough peak, by a fixed number of Gauss-Newton steps."""
+def fit(patches: Patches, noise: SensorNoise) -> PeakEstimate:
+    """Fit every patch from its detected peak by a fixed number of Gauss-Newton iterations."""
     rows = _Fit(patches, noise)
     state = rows.run()
     c0, c1, c2, level = rows.c
-    place, width = -0.5 * c1 / c2, np.sqrt(-0.5 / c2)
-    height = np.exp(np.minimum(c0 - 0.25 * c1**2 / c2, 20.0))
-    # the place is a function of c: its variance is g' C g
-    sigma = symmetric.spread(state.covariance, np.stack([0.0 * c2, -0.5 / c2, 0.5 * c1 / c2**2]))
-    skew, skew_sigma = _skew(rows, state, place, width)
-    return Estimate(
-        place=place,
+    position, width = -0.5 * c1 / c2, np.sqrt(-0.5 / c2)
+    height = np.exp(np.minimum(c0 - 0.25 * c1**2 / c2, _MAX_EXPONENT))
+    # the position is a function of c: its variance is g^T C g
+    sigma = symmetric.propagated_sigma(
+        state.covariance, np.stack([0.0 * c2, -0.5 / c2, 0.5 * c1 / c2**2])
+    )
+    skew, skew_sigma = _skew(rows, state, position, width)
+    return PeakEstimate(
+        position=position,
         width=width,
         height=height,
         sigma=sigma,
         snr=signal_to_noise(height, width, level, noise),
-        moved=patches.moved(place),
+        midpoint_distance=patches.midpoint_distance(position),
         misfit=_misfit(rows, state),
         skew=skew,
         skew_sigma=skew_sigma,
     )
 
 
-def _skew(rows: _Fit, state: _State, place: Floats, width: Floats) -> tuple[Floats, Floats]:
+def _skew(rows: _Fit, state: _State, position: Floats, width: Floats) -> tuple[Floats, Floats]:
     """
-    Return how one-sided each stripe is, as a share of its height, and the 1 sigma of that.
+    Return the skew of each stripe, a fraction of its height, and its 1 sigma.
 
-    It is the amplitude of an odd cubic in the residuals, made blind to what a shift of the
-    stripe would leave.
+    It is the amplitude of an odd cubic in the residuals, orthogonal to a shift of the stripe.
     """
     x = rows.powers[1][:, None]
-    t = (x - place.astype(np.float32)) / width.astype(np.float32)
+    t = (x - position.astype(np.float32)) / width.astype(np.float32)
     square = t * t
     one = rows.powers[0]
     by_bell = state.weight * state.bell
     by_square = by_bell * state.bell * square
-    # of a bell the ratio of the fourth to the second moment; weights make it another
+    # weighted ratio of the fourth to the second moment makes the cubic orthogonal to a shift
     ratio = (one @ (by_square * square)) / np.maximum(one @ by_square, 1e-9)
     odd = t * (square - ratio)
     by_odd = by_bell * odd
@@ -176,7 +186,7 @@ def _skew(rows: _Fit, state: _State, place: Floats, width: Floats) -> tuple[Floa
 
 
 def _misfit(rows: _Fit, state: _State) -> Floats:
-    """Return by how much residuals exceed the noise for certain, 1 or more."""
+    """Return the square root of chi^2 / dof less 3 of its own sigmas, 1 or more."""
     one = rows.powers[0]
     count = np.maximum(one @ rows.used - 4.0, 1.0)
     chi2 = (one @ (state.residual * state.residual * state.weight)) / count
@@ -186,37 +196,38 @@ def _misfit(rows: _Fit, state: _State) -> Floats:
 @dataclass(frozen=True, eq=False)
 class Residuals:
     """
-    What the fit leaves of pixels, (n,) each.
+    Residuals of the pixels of fitted stripes, (n,) float64 each.
 
-    total, laser : grey values that the fitted stripe gives, with and without its ground
-    height : of the stripe, grey values; place : of the pixel, sigmas from the stripe's middle
-    residual : grey values, enlarged by what the fit itself has taken off them
+    total, laser : gray values of the model, with and without the background
+    height : gray values, of the pixel's stripe
+    position : of the pixel, in sigmas of the stripe from its center
+    residual : gray values, divided by sqrt(1 - leverage)
     """
 
     total: Floats
     laser: Floats
     height: Floats
-    place: Floats
+    position: Floats
     residual: Floats
 
 
-def residuals(patches: Patches, noise: Noise) -> Residuals:
-    """Return the residuals of all pixels that tell something of the noise."""
+def residuals(patches: Patches, noise: SensorNoise) -> Residuals:
+    """Return the residuals of all used pixels whose leverage is small enough."""
     rows = _Fit(patches, noise)
-    state = rows.run(_MANY_STEPS)
+    state = rows.run(_MANY_ITERATIONS)
     bell, weight = state.bell.T.astype(np.float64), state.weight.T.astype(np.float64)
     powers = rows.powers[:3].T.astype(np.float64)
-    slopes = np.concatenate([bell[..., None] * powers, np.ones((*bell.shape, 1))], axis=2)
-    normal = np.einsum('nwi,nw,nwj->nij', slopes, weight, slopes)
-    normal[:, [0, 1, 2, 3], [0, 1, 2, 3]] *= 1.0 + _RIDGE
-    taken = weight * np.einsum('nwi,nij,nwj->nw', slopes, np.linalg.pinv(normal), slopes)
-    told = (patches.used > 0) & (taken < _TAKEN)
+    jacobian = np.concatenate([bell[..., None] * powers, np.ones((*bell.shape, 1))], axis=2)
+    normal = np.einsum('nwi,nw,nwj->nij', jacobian, weight, jacobian)
+    normal[:, [0, 1, 2, 3], [0, 1, 2, 3]] *= 1.0 + _DAMPING
+    leverage = weight * np.einsum('nwi,nij,nwj->nw', jacobian, np.linalg.pinv(normal), jacobian)
+    valid = (patches.used > 0) & (leverage < _MAX_LEVERAGE)
     c0, c1, c2, level = rows.c[..., None]
-    height = np.exp(np.minimum(c0 - 0.25 * c1**2 / c2, 20.0)) + 0.0 * bell
+    height = np.exp(np.minimum(c0 - 0.25 * c1**2 / c2, _MAX_EXPONENT)) + 0.0 * bell
     return Residuals(
-        total=(bell + level)[told],
-        laser=bell[told],
-        height=height[told],
-        place=((patches.x + 0.5 * c1 / c2) * np.sqrt(-2.0 * c2))[told],
-        residual=(state.residual.T[told] / np.sqrt(1.0 - taken[told])).astype(np.float64),
+        total=(bell + level)[valid],
+        laser=bell[valid],
+        height=height[valid],
+        position=((patches.x + 0.5 * c1 / c2) * np.sqrt(-2.0 * c2))[valid],
+        residual=(state.residual.T[valid] / np.sqrt(1.0 - leverage[valid])).astype(np.float64),
     )

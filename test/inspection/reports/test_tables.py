@@ -50,6 +50,6 @@ def test_parts_come_below_what_has_none_and_are_a_level_lower():
     assert rows(html) == [['code', 'OK'], ['stl', 'a.stl'], ['meshing', '2.5']]
 
 
-def test_verdict_has_its_colour():
+def test_verdict_has_its_color():
     html = tables({'features': [{'name': 'plane 1', 'verdict': 'not decided'}]})
     assert '<span class="not">not decided</span>' in html

@@ -10,7 +10,7 @@ from ivfmc_ros.stripe.estimators import DEFAULT
 from ivfmc_ros.stripe.estimators import METHODS
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
-from ivfmc_ros.stripe.noise import Noise
+from ivfmc_ros.stripe.noise import SensorNoise
 
 ROWS, COLUMNS = 1000, 160
 
@@ -25,7 +25,9 @@ def picture(sigma, rng, speckle=0.0, peak=150.0):
 
 
 def errors(image, **settings):
-    found = extract(image, settings=ExtractSettings(max_error=50.0, max_doubt=50.0, **settings))
+    found = extract(
+        image, settings=ExtractSettings(max_error=50.0, max_uncertainty=50.0, **settings)
+    )
     return found.uv[:, 0] - columns()[found.uv[:, 1].astype(int)], found.sigma
 
 
@@ -33,7 +35,7 @@ def errors(image, **settings):
 @pytest.mark.parametrize('sigma', [1.5, 2.5, 5.0])
 def test_every_method_is_unbiased_and_knows_its_error(method, sigma):
     image = picture(sigma, np.random.default_rng(1))
-    error, claimed = errors(image, method=method, noise=Noise(speckle=0.0))
+    error, claimed = errors(image, method=method, noise=SensorNoise(speckle=0.0))
     assert len(error) == ROWS
     assert abs(error.mean()) < 5.0 * error.std() / np.sqrt(ROWS) + 0.005
     assert 0.6 < np.sqrt(np.mean((error / claimed) ** 2)) < 1.25
@@ -46,7 +48,7 @@ def test_default_is_the_best_under_speckle():
     assert spread['gaussian'] < 0.095
     assert spread['gaussian'] < 0.9 * spread['centre_of_mass']
     # without weights the speckle of the bright middle rules the fit
-    blind = errors(image, noise=Noise(speckle=0.0, electrons_per_dn=np.inf))[0].std()
+    blind = errors(image, noise=SensorNoise(speckle=0.0, electrons_per_dn=np.inf))[0].std()
     assert blind > 1.3 * spread['gaussian']
 
 
@@ -56,7 +58,7 @@ def test_clipped_pixels_are_left_out(method):
     uv = np.stack([u, np.arange(ROWS, dtype=np.float64)], axis=1)
     image = expose(draw_stripe(uv, (ROWS, COLUMNS), peak=600.0, sigma=2.5))
     assert (image == 255).sum(axis=1).min() >= 4
-    error, _ = errors(image, method=method, noise=Noise(speckle=0.0))
+    error, _ = errors(image, method=method, noise=SensorNoise(speckle=0.0))
     assert len(error) == ROWS
     assert np.abs(error).max() < 0.05
 

@@ -6,10 +6,10 @@ import pytest
 import trimesh
 
 from ivfmc_ros.errors import FileError
-from ivfmc_ros.inspection.reports.picture import draw_cloud
-from ivfmc_ros.inspection.reports.picture import draw_mesh
-from ivfmc_ros.inspection.reports.picture import Viewpoint
-from ivfmc_ros.inspection.reports.picture import write_sheet
+from ivfmc_ros.inspection.reports.rendering import draw_cloud
+from ivfmc_ros.inspection.reports.rendering import draw_mesh
+from ivfmc_ros.inspection.reports.rendering import Viewpoint
+from ivfmc_ros.inspection.reports.rendering import write_sheet
 from ivfmc_ros.surface import Surface
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.02)

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Mesh files to inspect and to compare with. A mesh file names no unit; the caller has to."""
+"""Reading of mesh files for inspection. Mesh files have no unit; the caller states it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,16 +16,18 @@ from ivfmc_ros.model import Ints
 from ivfmc_ros.validation import require_one_of
 
 SUFFIXES = ('.stl', '.ply', '.obj', '.off', '.glb')
-# Sizes of one part agree within this factor, though a scan has no standing face.
-_ALIKE = 1.6
+# Largest ratio of the diagonals of mesh and nominal; a scan lacks the face the part stands on.
+_MAX_SIZE_RATIO = 1.6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Body:
+class MeshBody:
     """
-    Triangles of a file: vertices_xyz (n, 3) metres, faces (m, 3), and whether they close.
+    A triangle mesh read from a file.
 
-    sigma : (n,) metres, if the file has it (a PLY written here), or None
+    vertices_xyz : (n, 3) meters; faces : (m, 3)
+    closed : the mesh has no boundary edges
+    sigma : (n,) meters, 1 sigma per vertex, of PLY files that have it; None otherwise
     """
 
     vertices_xyz: Floats
@@ -35,45 +37,49 @@ class Body:
 
     @property
     def diagonal(self) -> float:
-        """Metres, of the box along the axes."""
+        """Diagonal of the axis-aligned bounding box, meters."""
         return float(np.linalg.norm(np.ptp(self.vertices_xyz, axis=0)))
 
 
-def read_body(path: Path, unit: str) -> Body:
+def read_mesh(path: Path, unit: str) -> MeshBody:
     """
-    Read a mesh file; corners at one place become one vertex.
+    Read a mesh file; vertices with equal coordinates are merged.
 
     :raises ParameterError: unknown unit
-    :raises FileError: the file cannot be read, or holds no triangles
-    :raises GeometryError: it has coordinates that are not numbers
+    :raises FileError: the file cannot be read, has an unknown format or no triangles
+    :raises GeometryError: coordinates are not finite
     """
     import open3d as o3d
 
     require_one_of('unit', unit, UNITS)
     if path.suffix.lower() not in SUFFIXES:
         known = ', '.join(SUFFIXES)
-        raise FileError(f'{path}: {path.suffix!r} is no mesh format known here; use {known}')
+        raise FileError(
+            f'{path}: {path.suffix!r} is not a supported mesh format; use one of {known}'
+        )
     if not path.is_file():
-        raise FileError(f'{path}: there is no such file')
+        raise FileError(f'{path}: file not found')
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         mesh = o3d.io.read_triangle_mesh(path)
     if not len(mesh.triangles):
-        raise FileError(f'{path}: holds no triangles, or is no {path.suffix} file')
+        raise FileError(f'{path}: has no triangles, or is not a valid {path.suffix} file')
     vertices = np.asarray(mesh.vertices, dtype=np.float64)
     if not np.isfinite(vertices).all():
-        raise GeometryError(f'{path}: has coordinates that are not numbers')
+        raise GeometryError(f'{path}: has coordinates that are not finite')
     unique, first, index = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
     sigma = read_sigma(path) if path.suffix.lower() == '.ply' else None
     if sigma is not None:
         sigma = sigma[first] / UNITS[unit] if len(sigma) == len(vertices) else None
     faces = index.reshape(-1)[np.asarray(mesh.triangles, dtype=np.int64)]
-    flat = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
-    closed = not len(topology.boundary_edges(faces[~flat]))
-    return Body(vertices_xyz=unique / UNITS[unit], faces=faces[~flat], closed=closed, sigma=sigma)
+    degenerate = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+    closed = not len(topology.boundary_edges(faces[~degenerate]))
+    return MeshBody(
+        vertices_xyz=unique / UNITS[unit], faces=faces[~degenerate], closed=closed, sigma=sigma
+    )
 
 
 def read_sigma(path: Path) -> Floats | None:
-    """Return (n,) sigma in the unit of a PLY file's positions, if it has floats of that name."""
+    """Return the vertex property ``sigma`` (n,) of a PLY file, in the file's unit, or None."""
     head, end, body = path.read_bytes().partition(b'end_header\n')
     if not end or b'binary_little_endian' not in head:
         return None
@@ -97,30 +103,30 @@ def read_sigma(path: Path) -> Floats | None:
 _PLY_TYPES = {'float': '<f4', 'double': '<f8', 'uchar': 'u1', 'int': '<i4', 'uint': '<u4'}
 
 
-def require_closed(body: Body, path: Path) -> None:
-    """:raises GeometryError: the nominal has holes, so that inside and outside are not defined."""
+def require_closed(body: MeshBody, path: Path) -> None:
+    """:raises GeometryError: the nominal is not closed, so that distances have no sign."""
     if not body.closed:
         raise GeometryError(
-            f'{path}: the triangles do not close, so that it has no inside; repair the file in '
-            'CAD (an open nominal gives no sign of a deviation)'
+            f'{path}: the mesh is not closed, so that deviations have no sign; repair it in CAD '
+            'or export it as a solid'
         )
 
 
-def require_alike(measured: Body, nominal: Body, path: Path, unit: str) -> None:
+def require_similar_size(measured: MeshBody, nominal: MeshBody, path: Path, unit: str) -> None:
     """
-    Check that both are about as large.
+    Check that mesh and nominal have about the same size.
 
-    :raises GeometryError: they are not; the message names the unit that would explain it
+    :raises GeometryError: they have not; the message suggests a unit if one fits
     """
     ratio = nominal.diagonal / measured.diagonal
-    if 1.0 / _ALIKE < ratio < _ALIKE:
+    if 1.0 / _MAX_SIZE_RATIO < ratio < _MAX_SIZE_RATIO:
         return
     sizes = f'{nominal.diagonal * 1e3:.4g} mm across, the mesh {measured.diagonal * 1e3:.4g} mm'
     for other, scale in UNITS.items():
         rescaled = ratio * UNITS[unit] / scale
-        if other != unit and 1.0 / _ALIKE < rescaled < _ALIKE:
+        if other != unit and 1.0 / _MAX_SIZE_RATIO < rescaled < _MAX_SIZE_RATIO:
             raise GeometryError(
-                f'{path}: read in {unit} it is {sizes}; in {other} they would be alike: if that '
-                f'is its unit, say so (--nominal-unit {other})'
+                f'{path}: read in {unit} it is {sizes}; in {other} the sizes would agree: if '
+                f'that is its unit, use --nominal-unit {other}'
             )
-    raise GeometryError(f'{path}: read in {unit} it is {sizes}; no unit makes them alike')
+    raise GeometryError(f'{path}: read in {unit} it is {sizes}; the sizes agree in no unit')

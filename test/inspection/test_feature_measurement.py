@@ -5,8 +5,8 @@ import pytest
 
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.inspection import features
-from ivfmc_ros.inspection.sizes import jackknife
-from ivfmc_ros.inspection.sizes import patches
+from ivfmc_ros.inspection.feature_measurement import jackknife
+from ivfmc_ros.inspection.feature_measurement import split_groups
 
 RADIUS = 0.015
 SIGMA = 0.02e-3
@@ -17,7 +17,7 @@ def diameter(points):
 
 
 def wall(rng, share, smooth):
-    """A part of a cylinder whose error is the same over patches of some millimetres."""
+    """A part of a cylinder whose error is the same over patches of some millimeters."""
     angle, height = np.meshgrid(
         np.linspace(0, 2 * np.pi * share, 120, endpoint=False), np.linspace(0, 0.02, 20)
     )
@@ -39,7 +39,7 @@ def test_diameter_is_as_far_off_as_is_said(share, smooth):
 
 def test_patches_are_of_one_size_and_compact():
     points = np.random.default_rng(0).uniform(size=(1000, 3)) * (4.0, 1.0, 1.0)
-    patch = patches(points, 3)
+    patch = split_groups(points, 3)
     assert np.bincount(patch).tolist() == [125] * 8
     extents = [np.ptp(points[patch == k], axis=0).max() for k in range(8)]
     assert max(extents) < 1.2
@@ -48,5 +48,5 @@ def test_patches_are_of_one_size_and_compact():
 def test_patch_that_is_needed_is_refused():
     line = np.zeros((40, 3))
     line[:, 0] = np.arange(40.0)
-    with pytest.raises(GeometryError, match='line'):
+    with pytest.raises(GeometryError, match='collinear'):
         jackknife(lambda xyz: features.fit('circle', xyz).diameter, line)

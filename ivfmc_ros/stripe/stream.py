@@ -1,0 +1,57 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Acquisition of a stream of images; automatic settings are resolved from the buffered ones."""
+
+from ivfmc_ros.model import Frame
+from ivfmc_ros.model import Profile
+from ivfmc_ros.stripe.acquisition import Acquisition
+
+# Images from which automatic settings are resolved.
+TUNING_IMAGES = 16
+
+FrameProfiles = list[tuple[Frame, Profile]]
+
+
+class StreamAcquisition:
+    """
+    Computes the profiles of a scan image by image, live or from a bag.
+
+    The buffered images are buffered until there are enough of them to resolve automatic settings.
+    Profiles are rounded to single precision, as in messages, so that live and offline
+    reconstruction give equal results.
+    """
+
+    def __init__(self, acquisition: Acquisition, sampled: int = TUNING_IMAGES) -> None:
+        self.acquisition = acquisition
+        self._sampled = sampled
+        self._buffered: list[Frame] | None = []
+
+    @property
+    def waiting(self) -> int:
+        """Number of buffered images."""
+        return len(self._buffered or ())
+
+    def add(self, frame: Frame) -> FrameProfiles:
+        """
+        Add a frame; return the profiles that are complete, oldest buffered.
+
+        :raises CellError: the size of the image differs from the calibration, or unknown laser
+        :raises GeometryError: the table angle of the image is not finite
+        """
+        if self._buffered is None:
+            return [(frame, self._measure(frame))]
+        self.acquisition.require_usable(frame)
+        self._buffered.append(frame)
+        return self.flush() if len(self._buffered) >= self._sampled else []
+
+    def flush(self) -> FrameProfiles:
+        """Resolve automatic settings from the buffered images, and return their profiles."""
+        buffered, self._buffered = self._buffered, None
+        if not buffered:
+            self._buffered = buffered
+            return []
+        self.acquisition.resolve_auto_settings(buffered)
+        return [(frame, self._measure(frame)) for frame in buffered]
+
+    def _measure(self, frame: Frame) -> Profile:
+        return self.acquisition.profile(frame).to_single_precision()
