@@ -91,9 +91,8 @@ def test_good_cell_is_confirmed(scan):
 def test_single_laser_in_a_single_sweep_is_not_checked(scan):
     sweeps, measured = scan
     (view,) = views_of(CELL, measured[:1], sweeps[:1])
-    top = (
-        view.points_xyz[..., 2] > 0.039
-    )  # a top face would be measured twice, in front of the axis and behind it
+    # a top face would be measured twice, in front of the axis and behind it
+    top = view.points_xyz[..., 2] > 0.039
     found = refine(CELL, [without(view, top)], ('axis', 'angle'))
     assert found.why == 'not checked: no surface was measured twice'
     assert not any(one.observed for one in found.estimates)
