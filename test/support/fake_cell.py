@@ -1,10 +1,10 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Everything that the orchestrator needs of a cell, in the process of the test.
+Fake nodes and topics of a cell for tests of the orchestrator, in the process of the test.
 
-The table is a foreign one under a trajectory controller: no home, no stop, no lasers of its own,
-and it tells no velocity.
+The table stands for one under joint_trajectory_controller: it has no services home and stop, no
+lasers, and its joint_states have no velocity.
 """
 
 import json
@@ -35,29 +35,36 @@ HELPERS = ('triangulator', 'registrar', 'mesher', 'recorder')
 
 class FakeCell:
     """
-    A cell that does what it is told to do wrong.
+    A cell whose faults a test can choose.
 
-    ``silent``: those whose hearts do not beat; ``answers``: what a service answers instead, a list
-    one after the other.
+    without_heartbeat : names of nodes that publish no heartbeat
+    responses : response of a service by its name, instead of OK; a list is used one by one
+    called : names of the services that were called, in order
+    holds : (monotonic second, laser) of each beam_hold
+    on_call : function by the name of the service that calls it
+    hanging : names of services that never respond
+    velocities : of joint_states
+    always_on : a laser that is on whatever beam_hold says
+    recorder_lag : profiles that the recorder has not flushed
+    calibrated : whether camera_info has a camera matrix
     """
 
     def __init__(self, client):
         self.client = client
-        self.silent = set()
-        self.answers = {}
+        self.without_heartbeat = set()
+        self.responses = {}
         self.called = []
         self.holds = []
-        self.heads = []
-        self.meanwhile = {}  # what is called when a service is
-        self.stuck = set()  # services that never answer
+        self.on_call = {}
+        self.hanging = set()
         self.velocities = []
-        self.always_on = None  # a laser that nobody can turn off
-        self.behind = 0  # profiles that the recorder has not flushed
+        self.always_on = None
+        self.recorder_lag = 0
         self.calibrated = True
-        self.motion = (0.0, 0.0, 0.0, 0.0)  # from, to, begin, end
+        self.motion = (0.0, 0.0, 0.0, 0.0)  # start and target in radians, begin and end in seconds
         self.seq = 0
         self.last = {}
-        self.nodes = {name: self._helper(name) for name in HELPERS}
+        self.nodes = {name: self._create_node(name) for name in HELPERS}
         node = self.node = Node('cell', namespace='/ivfmc', context=client.context)
         client.executor.add_node(node)
         self.joints = node.create_publisher(JointState, 'joint_states', qos.best_effort(10))
@@ -70,8 +77,8 @@ class FakeCell:
             name: helper.create_publisher(Header, f'{name}/heartbeat', 10)
             for name, helper in self.nodes.items()
         }
-        node.create_timer(0.02, self._joints)
-        node.create_timer(0.05, self._tick)
+        node.create_timer(0.02, self._publish_joints)
+        node.create_timer(0.05, self._publish_images_and_heartbeats)
 
     def close(self):
         for node in (self.node, *self.nodes.values()):
@@ -87,7 +94,7 @@ class FakeCell:
 
     @property
     def beam(self):
-        """The laser that a driver would keep on now."""
+        """Name of the laser that a driver would keep on now, '' for none."""
         if not self.holds or time.monotonic() - self.holds[-1][0] > 0.5:
             return ''
         return self.holds[-1][1]
@@ -95,7 +102,7 @@ class FakeCell:
     def parameter(self, node, name):
         return self.nodes[node].get_parameter(name).value
 
-    def _helper(self, name):
+    def _create_node(self, name):
         node = Node(name, namespace='/ivfmc', context=self.client.context)
         node.declare_parameter('scan_id', '')
         node.declare_parameter('scan_folder', '')
@@ -106,18 +113,18 @@ class FakeCell:
         node.declare_parameter('export_unit', '')
         node.declare_parameter('view', [-1, -1])
         node.declare_parameter('expected', 0)
-        # what is stuck must not keep others from being answered
+        # a hanging service must not delay the others
         group = ReentrantCallbackGroup()
         for service in ('reset', 'register', 'build', 'start', 'stop', 'cancel'):
             path = f'{name}/{service}'
-            node.create_service(Trigger, path, self._answerer(path), callback_group=group)
+            node.create_service(Trigger, path, self._service_callback(path), callback_group=group)
         self.client.executor.add_node(node)
         return node
 
-    def _answerer(self, path):
+    def _service_callback(self, path):
         async def answer(_, response):
             self.called.append(path)
-            if path in self.stuck:
+            if path in self.hanging:
                 await Future(executor=self.client.executor)
             if path == 'recorder/start':
                 self.seq, self.last = 0, {}
@@ -125,8 +132,8 @@ class FakeCell:
                 part = demo_part()
                 folder = Path(self.parameter('mesher', 'scan_folder'))
                 write_solid(folder / 'mesh.stl', part.vertices_xyz, part.faces)
-            self.meanwhile.get(path, lambda: None)()
-            message = self.answers.get(path, {'code': 'OK', 'said': path})
+            self.on_call.get(path, lambda: None)()
+            message = self.responses.get(path, {'code': 'OK', 'said': path})
             if isinstance(message, list):
                 message = message.pop(0)
             response.success = message['code'] == 'OK'
@@ -149,15 +156,15 @@ class FakeCell:
     def _header(self, name=''):
         return Header(frame_id=name, stamp=self.node.get_clock().now().to_msg())
 
-    def _joints(self):
+    def _publish_joints(self):
         joints = JointState(name=['other', 'turntable_joint'], position=[9.0, self.position])
         joints.velocity = self.velocities
         joints.header = self._header()
         self.joints.publish(joints)
 
-    def _tick(self):
+    def _publish_images_and_heartbeats(self):
         for name, publisher in self.beats.items():
-            if name not in self.silent:
+            if name not in self.without_heartbeat:
                 publisher.publish(self._header(name))
         camera = small_cell().camera
         info = CameraInfo(width=camera.width, height=camera.height, distortion_model=camera.model)
@@ -166,12 +173,12 @@ class FakeCell:
         info.header = self._header()
         self.infos.publish(info)
         before = self.seq
-        self._picture()
-        if before == self.seq and 0 < self.behind <= before:
-            # a recorder to which nothing comes any more is soon done
+        self._publish_profile()
+        if before == self.seq and 0 < self.recorder_lag <= before:
+            # without new profiles the recorder soon catches up
             self.recorded.publish(UInt64(data=before - 1))
 
-    def _picture(self):
+    def _publish_profile(self):
         names = [laser.name for laser in small_cell().lasers]
         views = self.parameter('triangulator', 'view')
         beam = self.always_on or self.beam
@@ -195,6 +202,6 @@ class FakeCell:
             stamp_ns=self.node.get_clock().now().nanoseconds,
         )
         self.profiles.publish(clouds.from_profile(profile))
-        if self.seq >= self.behind:
-            self.recorded.publish(UInt64(data=self.seq - self.behind))
+        if self.seq >= self.recorder_lag:
+            self.recorded.publish(UInt64(data=self.seq - self.recorder_lag))
         self.seq += 1
