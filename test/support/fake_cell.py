@@ -51,6 +51,8 @@ class FakeCell:
 
     def __init__(self, client):
         self.client = client
+        # made before the scan: on a busy computer it takes longer than a heartbeat may be late
+        self.part = demo_part()
         self.without_heartbeat = set()
         self.responses = {}
         self.called = []
@@ -129,9 +131,8 @@ class FakeCell:
             if path == 'recorder/start':
                 self.seq, self.last = 0, {}
             if path == 'mesher/build':
-                part = demo_part()
                 folder = Path(self.parameter('mesher', 'scan_folder'))
-                write_solid(folder / 'mesh.stl', part.vertices_xyz, part.faces)
+                write_solid(folder / 'mesh.stl', self.part.vertices_xyz, self.part.faces)
             self.on_call.get(path, lambda: None)()
             message = self.responses.get(path, {'code': 'OK', 'said': path})
             if isinstance(message, list):
