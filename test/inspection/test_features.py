@@ -70,9 +70,7 @@ def test_flat_points_are_no_round_shape(kind, problem):
 
 
 def test_points_that_say_nothing_are_refused():
-    with pytest.raises(
-        GeometryError, match='a sphere needs at least 4 finite points, there are 3'
-    ):
+    with pytest.raises(GeometryError, match='needs at least 4 finite points, there are 3'):
         fit('sphere', np.eye(3))
     with pytest.raises(GeometryError, match='coincide'):
         fit('plane', np.ones((9, 3)))

@@ -36,8 +36,8 @@ def test_two_readings_are_noisier_than_one():
     assert noise_of_difference(None).read > SensorNoise().read
 
 
-def test_pictures_that_are_not_alike_are_refused():
-    with pytest.raises(ValueError, match='must be alike'):
+def test_dark_image_of_another_shape_is_refused():
+    with pytest.raises(ValueError, match='must have the same shape and type'):
         frame(np.zeros((2, 2), dtype=np.uint8), np.zeros((2, 3), dtype=np.uint8))
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""``report.html``: one file that opens without a network and without this package."""
+"""Writer of ``report.html``, a self-contained page with a WebGL view of the mesh."""
 
 import base64
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ from ivfmc_ros.meshing.filters.vertex_clustering import cluster_vertices_with_va
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 
-# So many triangles make a file of about 3 MB.
+# Triangles of the embedded mesh at most; the file then has about 3 MB.
 MOST_TRIANGLES = 150_000
 _BINS = 60
 _NO_VALUE = 255
@@ -28,7 +28,7 @@ _NO_VALUE = 255
 
 @dataclass(frozen=True, kw_only=True)
 class ReportImage:
-    """A picture for the report: its encoded bytes, media type (image/jpeg) and caption."""
+    """An image of a report: encoded bytes, media type (image/jpeg) and caption."""
 
     data: bytes
     media: str

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""``report.json``: what was done to a scan, with which settings, and how well it went."""
+"""Writer of ``report.json``: settings, residuals and results of a scan or an inspection."""
 
 from collections.abc import Mapping
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.model import View
 
 if TYPE_CHECKING:
-    # brings open3d, which takes seconds, to all that writes a report
+    # imports open3d, which takes seconds
     from ivfmc_ros.registration.align import Verdict
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures that every result folder holds: look at them before you trust a number."""
+"""Overview images of a result folder: mesh, point cloud and stripe from several sides."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of clouds and meshes, drawn on the processor: no window and no GPU is needed."""
+"""Software rendering of point clouds and meshes to images, without a window or GPU."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""``report.html`` of a scan: its mesh, the work window of the paper, the cloud, its figures."""
+"""Content of the ``report.html`` of a scan: mesh, stripe images, point cloud and figures."""
 
 from collections.abc import Mapping
 from collections.abc import Sequence

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a report as tables of HTML, in the units that a person reads."""
+"""Conversion of report figures in SI units to HTML tables in millimeters and degrees."""
 
 from collections.abc import Mapping
 from collections.abc import Sequence

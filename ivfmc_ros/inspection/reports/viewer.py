@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The page and the program of ``report.html``: WebGL 2 without any library."""
+"""Style sheet and WebGL 2 viewer of ``report.html``."""
 
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; margin: 0 auto; max-width: 1180px; padding: 0 16px;
