@@ -13,6 +13,7 @@ from ivfmc_ros.cell.camera import DISTORTION_COEFFICIENTS
 from ivfmc_ros.cell.fields import YamlMapping
 from ivfmc_ros.errors import CellError
 from ivfmc_ros.model import Floats
+from ivfmc_ros.validation import require_one_of
 
 
 def load_camera(path: Path) -> Camera:
@@ -23,9 +24,7 @@ def load_camera(path: Path) -> Camera:
     """
     fields = YamlMapping.read(path)
     model = fields.text('distortion_model')
-    if model not in DISTORTION_COEFFICIENTS:
-        known = ', '.join(DISTORTION_COEFFICIENTS)
-        raise fields.error('distortion_model', f'{model!r} is not one of {known}')
+    require_one_of(f'{path}: distortion_model', model, DISTORTION_COEFFICIENTS, error=CellError)
     matrix = fields.mapping('camera_matrix').array('data', 9).reshape(3, 3)
     distortion = fields.mapping('distortion_coefficients')
     try:

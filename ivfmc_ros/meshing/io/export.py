@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ivfmc_ros import files
-from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.meshing.geometry import normals
 from ivfmc_ros.meshing.io import threemf
 from ivfmc_ros.meshing.parallel import map_chunked
@@ -44,9 +43,9 @@ def write_mesh(path: Path, mesh: Mesh, unit: str = 'mm') -> None:
     :raises ParameterError: the suffix or the unit is unknown, or lib3mf is not installed
     :raises FileError: the file cannot be written
     """
-    write = _WRITERS.get(path.suffix.lower())
-    if write is None:
-        raise ParameterError(f'{path}: {path.suffix!r} is not one of {", ".join(_WRITERS)}')
+    suffix = path.suffix.lower()
+    require_one_of(str(path), suffix, _WRITERS)
+    write = _WRITERS[suffix]
     scale = _scale(unit)
     with files.atomic_file(path) as temporary, temporary.open('wb') as stream:
         write(stream, mesh, mesh.vertices_xyz * scale, unit)
