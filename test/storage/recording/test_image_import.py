@@ -112,14 +112,14 @@ def test_progress_is_reported(folder, camera, tmp_path):
 def test_truncated_jpeg_is_named_and_nothing_is_left(folder, camera, tmp_path):
     bad = folder / 'step1.jpg'
     bad.write_bytes(bad.read_bytes()[:-20])
-    with pytest.raises(FileError, match=r'step1\.jpg: the make_image is cut off'):
+    with pytest.raises(FileError, match=r'step1\.jpg: the picture is cut off'):
         import_images_as_bag(_steps(folder, [0, 1, 2]), camera, tmp_path / 'bag')
     assert sorted(path.name for path in tmp_path.iterdir()) == ['in']
 
 
 def test_image_of_another_size_is_named_and_nothing_is_left(folder, camera, tmp_path):
     cv2.imwrite(str(folder / 'step3.bmp'), np.zeros((50, 64), np.uint8))
-    with pytest.raises(CellError, match=r'step3\.bmp: the make_image is 64 x 50, .* at 64 x 48'):
+    with pytest.raises(CellError, match=r'step3\.bmp: the picture is 64 x 50, .* at 64 x 48'):
         import_images_as_bag(_steps(folder, [0, 1, 2]), camera, tmp_path / 'bag')
     assert sorted(path.name for path in tmp_path.iterdir()) == ['in']
 
