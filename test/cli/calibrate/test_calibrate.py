@@ -1,6 +1,7 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 import json
+import math
 
 import cv2
 import numpy as np
@@ -53,6 +54,8 @@ def pictures(tmp_path_factory):
 def run(tmp_path, monkeypatch, capsys):
     """Run ivfmc calibrate in a folder of its own; returns exit code and output."""
     monkeypatch.chdir(tmp_path)
+    # on a busy machine progress lines would stand before the error
+    monkeypatch.setattr('ivfmc_ros.cli.support.progress.QUIET_START', math.inf)
 
     def call(*words):
         code = 0
