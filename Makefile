@@ -25,13 +25,16 @@ LIBRARIES := \
 BY_FILE := --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help env test demo bench clean distclean
+.PHONY: help env test demo bench docs reference figures pictures clean distclean
 
 help:
 	@echo 'make env     build $(VENV) with all that tests and demo need (PYTHON=$(PYTHON))'
-	@echo 'make test    style, types and tests'
+	@echo 'make test    linters, types, documentation and tests'
 	@echo 'make demo    scan the demo part in a simulated cell into build/demo'
 	@echo 'make bench   measure all groups of figures into build/bench; NAME=stripe: one group'
+	@echo 'make docs    build the documentation into build/docs'
+	@echo 'make reference, make figures, make pictures'
+	@echo '             write the pages and pictures of docs/ made from code, build/bench, simulation'
 	@echo 'make clean   remove build results and caches; make distclean: $(VENV) as well'
 
 env: $(READY)
@@ -50,6 +53,7 @@ test: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(MAKE) --no-print-directory docs
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m 'not alone' -n 2 $(BY_FILE)
 	$(BIN)/python -m pytest -m alone
 
@@ -58,6 +62,19 @@ demo: $(READY)
 
 bench: $(READY)
 	PYTHONPATH=test $(BIN)/python -m bench $(NAME)
+
+docs: $(READY)
+	$(BIN)/python docs/generate.py reference --check
+	$(BIN)/sphinx-build -W --keep-going -q docs build/docs
+
+reference: $(READY)
+	$(BIN)/python docs/generate.py reference
+
+figures: $(READY)
+	$(BIN)/python docs/generate.py figures
+
+pictures: $(READY)
+	$(BIN)/python docs/pictures.py
 
 clean:
 	rm -rf build install log dist *.egg-info .mypy_cache .pytest_cache .ruff_cache

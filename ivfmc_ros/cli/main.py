@@ -9,6 +9,7 @@ import sys
 import click
 
 from ivfmc_ros import __version__
+from ivfmc_ros.cli.support.suggest import SuggestingGroup
 from ivfmc_ros.errors import ScanError
 
 # Loaded when called, so that 'ivfmc --help' does not wait for open3d.
@@ -26,7 +27,7 @@ _COMMANDS = {
 }
 
 
-class _LazyGroup(click.Group):
+class _LazyGroup(SuggestingGroup):
     def list_commands(self, ctx: click.Context) -> list[str]:
         return sorted(_COMMANDS)
 

@@ -1,12 +1,12 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""``ivfmc scan``: calls the scan service and shows how far it is."""
+"""``ivfmc scan``: calls the scan service and shows its progress."""
 
 from collections.abc import Callable
+import math
 from typing import Any
 
 import click
-from rich.console import Console
 from rich.progress import BarColumn
 from rich.progress import Progress as Bars
 from rich.progress import TextColumn
@@ -17,6 +17,11 @@ from ivfmc_ros.cli.support.client import cell_client
 from ivfmc_ros.cli.support.client import CellClient
 from ivfmc_ros.cli.support.client import error_of
 from ivfmc_ros.cli.support.client import result_of
+from ivfmc_ros.cli.support.output import console
+from ivfmc_ros.cli.support.output import json_option
+from ivfmc_ros.cli.support.output import print_json
+from ivfmc_ros.cli.support.progress import ProgressLines
+from ivfmc_ros.cli.support.quantities import angle
 from ivfmc_ros.cli.up import interrupted
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import StateError
@@ -30,24 +35,41 @@ _SILENCE_S = 20.0
 @click.command()
 @click.option('--part', help='Name of the part.')
 @click.option('--recipe', help='Name of the recipe.')
-@click.option('--views', type=int, help='Sweeps that share a turn, for each laser.')
-@click.option('--overlap', type=float, metavar='RAD', help='By which sweeps share surface.')
-@click.option('--profiles', type=int, help='Of each view.')
+@click.option('--views', type=int, help='Sweeps a turn, for each laser.')
+@click.option('--overlap', type=angle(0.0, math.pi), help='By which neighboring sweeps overlap.')
+@click.option('--profiles', type=int, help='Profiles of each view.')
 @click.option('--motion', type=click.Choice(MOTIONS), help='How the table turns.')
 @click.option(
     '--dark-frames/--no-dark-frames',
     default=None,
     help='Subtract a picture with all lasers off (step).',
 )
-@click.option('--laser', 'lasers', multiple=True, help='To use; may be repeated (default: all).')
-@click.option('--format', 'formats', multiple=True, type=click.Choice(FORMATS), help='Of meshes.')
+@click.option(
+    '--laser', 'lasers', multiple=True, help='Laser to use; may be repeated (default: all).'
+)
+@click.option(
+    '--format',
+    'formats',
+    multiple=True,
+    type=click.Choice(FORMATS),
+    help='Mesh file format; may be repeated.',
+)
 @click.option('--namespace', default=NAMESPACE, show_default=True, help='Name of the cell.')
-def scan(namespace: str, **options: Any) -> None:
-    """Scan a part in the cell that is up; what is not given stays as the orchestrator has it."""
+@json_option
+def scan(namespace: str, as_json: bool, **options: Any) -> None:
+    """
+    Scan a part in the cell that is up.
+
+    An option that is not given has the value that the orchestrator has. What is given holds for
+    this scan only.
+    """
     wanted = wanted_of(options)
     with cell_client(namespace_of(namespace)) as client:
         result = run_scan(client, wanted)
-    say(result)
+    if as_json:
+        print_json(result)
+    else:
+        say(result)
 
 
 def wanted_of(options: dict[str, Any]) -> dict[str, Any]:
@@ -63,14 +85,15 @@ def run_scan(
     client: CellClient, wanted: dict[str, Any], check: Callable[[], None] = lambda: None
 ) -> dict[str, Any]:
     """
-    Scan, with a bar on the terminal; Ctrl-C cancels the scan and waits for its end.
+    Scan, with progress on stderr; Ctrl-C cancels the scan and waits for its end.
 
-    check : is called again and again, and raises when it makes no sense to go on
+    wanted : parameters of this scan only; the orchestrator's own are restored
+    check : is called again and again; it raises when the scan cannot go on
     :raises HelperError: the scan was refused or failed, with its code
     """
-    if wanted:
-        client.set('orchestrator', wanted)
-    scan_id = client.trigger('start_scan')['scan_id']
+    with client.parameters('orchestrator', wanted):
+        # the orchestrator takes the parameters as they are now for the whole scan
+        scan_id = client.trigger('start_scan')['scan_id']
     with ScanBar() as show, interrupted() as ending:
         cancelled = False
         while (result := result_of(client.status, scan_id)) is None:
@@ -100,9 +123,11 @@ def _changed(client: CellClient) -> Callable[[], bool]:
 
 
 class ScanBar:
-    """Shows ``scan_status`` as one line while the block runs."""
+    """Shows ``scan_status`` on stderr while the block runs: one bar, or lines."""
 
     def __init__(self) -> None:
+        stderr = console(stderr=True)
+        self._lines = None if stderr.is_terminal else ProgressLines(stderr)
         columns = (
             TextColumn('{task.fields[stage]:>11}'),
             BarColumn(),
@@ -111,11 +136,12 @@ class ScanBar:
                 'about {task.fields[eta]} s left'
             ),
         )
-        self._bars = Bars(*columns, console=Console(stderr=True), transient=True)
+        self._bars = Bars(*columns, console=stderr, transient=True)
         self._task = self._bars.add_task('scan', total=1, stage='', views='', profiles='', eta='?')
 
     def __enter__(self) -> Callable[[dict[str, str]], None]:
-        self._bars.start()
+        if self._lines is None:
+            self._bars.start()
         return self._show
 
     def __exit__(self, *_: object) -> None:
@@ -123,6 +149,11 @@ class ScanBar:
 
     def _show(self, status: dict[str, str]) -> None:
         if not status.get('profiles_total'):
+            return
+        if self._lines is not None:
+            done = f'{status["profiles_done"]} of {status["profiles_total"]} profiles'
+            left = f'about {float(status["eta_s"]):.0f} s left'
+            self._lines.line(status['stage'], f'{status["stage"]}: {done}, {left}')
             return
         self._bars.update(
             self._task,
@@ -136,14 +167,13 @@ class ScanBar:
 
 
 def say(result: dict[str, Any]) -> None:
-    """Print what came of a scan and where it is."""
-    console = Console(markup=False)
+    """Print the result of a scan and where its files are."""
+    stdout = console()
     counts, seconds = result['counts'], sum(result['seconds'].values())
-    console.print(
+    stdout.print(
         f'scan {result["scan_id"]}: {counts["profiles"]} profiles in {counts["views"]} view(s), '
         f'{counts["points"]} points, {seconds:.1f} s',
-        highlight=False,
     )
     for name, path in result['files'].items():
         if not name.endswith(('.json', '.yaml')) or name == 'report.json':
-            console.print(path, soft_wrap=True, highlight=False)
+            stdout.print(path, soft_wrap=True)

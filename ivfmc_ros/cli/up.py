@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""``ivfmc up``: starts a cell, one process a node, and ends all of it together."""
+"""``ivfmc up``: starts a cell, one process for each node, and ends all of them together."""
 
 from collections.abc import Iterator
 import contextlib
@@ -37,8 +37,12 @@ _POLL_S = 0.1
 
 
 @click.command()
-@click.option('--simulate', is_flag=True, help='A bench cell without hardware.')
-@click.option('--replay', is_flag=True, help='Without camera, turntable and orchestrator.')
+@click.option('--simulate', is_flag=True, help='Simulate the hardware of the bench cell.')
+@click.option(
+    '--replay',
+    is_flag=True,
+    help='Start without camera, turntable and orchestrator: a bag replaces them.',
+)
 @click.option(
     '--folder',
     type=_PATH,
@@ -55,7 +59,9 @@ _POLL_S = 0.1
     '--part', default='demo', show_default=True, help='Simulated part: demo or an STL file.'
 )
 @click.option('--unit', default='mm', show_default=True, help='Unit of the STL file.')
-@click.option('--seed', type=int, default=0, show_default=True, help='Of the simulated noise.')
+@click.option(
+    '--seed', type=int, default=0, show_default=True, help='Seed of the simulated noise.'
+)
 @click.option(
     '--set',
     'overrides',
@@ -91,13 +97,13 @@ def run_of(options: dict[str, Any]) -> CellRun:
     cell, camera = options['cell'], options['camera']
     if simulate:
         if cell or camera:
-            raise ParameterError('--simulate brings its own --cell and --camera')
+            raise ParameterError('--simulate has its own --cell and --camera; leave them out')
         cell, camera = write_bench(folder)
     if cell is None:
         raise ParameterError('--cell cell.yaml is needed, unless the cell is simulated')
     for path in (cell, camera):
         if path is not None and not path.is_file():
-            raise FileError(f'{path}: there is no such file')
+            raise FileError(f'{path}: no such file')
     make_folder(folder)
     return CellRun(
         folder=folder,
@@ -118,7 +124,7 @@ def run_of(options: dict[str, Any]) -> CellRun:
 @contextmanager
 def log_of(run: CellRun, quiet: bool = False) -> Iterator[Say]:
     """
-    Write what all programs say to ``up.log`` of the run, and to the terminal unless ``quiet``.
+    Write the output of all processes to ``up.log``, and to the terminal unless ``quiet``.
 
     :raises FileError: it cannot be written
     """
@@ -130,7 +136,7 @@ def log_of(run: CellRun, quiet: bool = False) -> Iterator[Say]:
 
         def say(name: str, line: str) -> None:
             text = f'{name:>{_WIDTH}} | {line}'
-            # a disk that is full is no reason to say nothing on the terminal, nor to end
+            # a full disk must neither silence the terminal nor end the cell
             with contextlib.suppress(OSError, ValueError):
                 stream.write(text + '\n')
                 stream.flush()
@@ -143,7 +149,7 @@ def log_of(run: CellRun, quiet: bool = False) -> Iterator[Say]:
 
 @contextmanager
 def interrupted() -> Iterator[threading.Event]:
-    """Give an event that SIGINT and SIGTERM set, in place of what they did before."""
+    """Yield an event that SIGINT, SIGTERM and SIGHUP set; the former handlers are restored."""
     event = threading.Event()
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = {number: signal.signal(number, lambda *_: event.set()) for number in numbers}

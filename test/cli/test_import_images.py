@@ -72,7 +72,7 @@ def test_measured_angles_are_used(place):
 def test_picture_without_measured_angle_is_named(place):
     save_angles(place / 'angles.yaml', {'step_num1.jpg': 0.1})
     result = _run(place, '--angles', place / 'angles.yaml')
-    _refused(place, result, FileError, 'has no angle for 2 of 3 pictures, the first is step_num2')
+    _refused(place, result, FileError, 'has no angle for 2 of 3 images, the first is step_num2')
 
 
 def test_bag_is_put_here_unless_told(place, monkeypatch):
@@ -85,17 +85,22 @@ def test_bag_is_put_here_unless_told(place, monkeypatch):
 @pytest.mark.parametrize(
     ('options', 'problem'),
     [
-        ((), '--step DEGREES or --angles FILE must say'),
+        ((), 'give --step or --angles: one of them must say'),
         (('--step', 1, '--angles', 'a.yaml'), 'give one'),
         (('--direction', 'cw', '--angles', 'a.yaml'), '--direction belongs to --step'),
-        (('--step', 0), '--step: must be a positive number of degrees, is 0.0'),
-        (('--step', -1), 'must be a positive number'),
-        (('--step', 'nan'), 'must be a positive number'),
-        (('--step', 1, '--rate', 0), 'rate: must be a positive number'),
+        (('--step', 0), '--step: 0 deg must be positive'),
+        (('--step', -1), '--step: -1 deg must be positive; use --direction'),
+        (('--step', 1, '--rate', 0), 'rate: 0.0 is out of range; it must be above 0'),
     ],
 )
 def test_option_that_makes_no_sense_is_named(place, options, problem):
     _refused(place, _run(place, *options), ParameterError, problem)
+
+
+def test_step_that_is_no_number_is_named(place):
+    result = _run(place, '--step', 'nan')
+    assert result.exit_code == 2
+    assert "'nan' is not an angle" in result.output
 
 
 def test_empty_folder_is_named(place):

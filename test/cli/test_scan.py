@@ -1,5 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+from contextlib import nullcontext
 import signal
 
 import pytest
@@ -33,6 +34,9 @@ class EndingClient:
             return {'scan_id': 's1'}
         self.status = {'scan_id': 's1', 'result': '{"code": "OK", "said": 1}'}
         raise HelperError(self.code, 'no scan is running')
+
+    def parameters(self, node, values):
+        return nullcontext()
 
     def until(self, condition, seconds, what):
         signal.raise_signal(signal.SIGINT)

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What camera, table and lasers publish, for the tests of those who listen."""
+"""Publishers of camera, table and laser messages, for tests of their subscribers."""
 
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import Image

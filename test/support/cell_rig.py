@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A whole cell as separate processes, started by ``ivfmc up``, and what is left of it."""
+"""A cell of separate processes, started by ``ivfmc up``, and the search for leftover ones."""
 
 from pathlib import Path
 import signal

@@ -26,8 +26,9 @@ ROWS = (
     'results',
     'nodes',
     'cli',
+    'examples',
 )
-BORDER = ('nodes', 'cli')
+BORDER = ('nodes', 'cli', 'examples')
 
 
 def sources(*folders: str) -> list[Path]:

@@ -10,9 +10,9 @@ from typing import cast
 import click
 import cv2
 import numpy as np
-from rich.console import Console
 
 from ivfmc_ros.cell.laser import Stripe
+from ivfmc_ros.cli.support.output import console
 from ivfmc_ros.model import Image
 from ivfmc_ros.pictures import list_pictures
 from ivfmc_ros.pictures import read_picture
@@ -80,7 +80,7 @@ def _upright(image: Image, stripe: Stripe) -> Image:
 
 def _print_estimate(result: NoiseEstimate, pictures: int, output: Path) -> None:
     model = result.noise
-    console = Console(markup=False)
+    stdout = console()
     shot = f'{model.electrons_per_dn:.1f}' if math.isfinite(model.electrons_per_dn) else 'no limit'
     for name, text in (
         ('read noise', f'{model.read:.2f} DN (read^2 +- {result.read_error:.2g})'),
@@ -88,12 +88,11 @@ def _print_estimate(result: NoiseEstimate, pictures: int, output: Path) -> None:
         ('speckle contrast', f'{model.speckle:.3f} (square +- {result.speckle_error:.2g})'),
         ('pixels', f'{result.pixels} in {pictures} pictures'),
     ):
-        console.print(f'{name:18s} {text}', highlight=False)
+        stdout.print(f'{name:18s} {text}')
     if result.shape > _MAX_SHAPE_ERROR:
-        console.print(
+        stdout.print(
             f'warning: the stripe is not Gaussian (it deviates by {result.shape:.1%} of its '
             'height): it saturates, or the camera sharpens the picture or is not linear; the '
             'estimated speckle contrast is too large',
-            highlight=False,
         )
-    console.print(str(output), soft_wrap=True, highlight=False)
+    stdout.print(str(output), soft_wrap=True)

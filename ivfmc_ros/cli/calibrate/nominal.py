@@ -2,11 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """``ivfmc calibrate nominal``."""
 
-import math
 from pathlib import Path
 
 import click
-from rich.console import Console
 
 from ivfmc_ros.calibration.nominal import axial_cell
 from ivfmc_ros.calibration.nominal import AxialLaser
@@ -16,6 +14,8 @@ from ivfmc_ros.cell.camera_file import load_camera
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.cell_file import save_cell
 from ivfmc_ros.cli.calibrate import options
+from ivfmc_ros.cli.support.output import console
+from ivfmc_ros.cli.support.quantities import parse_angle
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
 
@@ -36,18 +36,20 @@ from ivfmc_ros.errors import ParameterError
     type=options.LENGTH,
     help="From the axis to the camera: with --above horizontally (the paper's D), else straight.",
 )
-@click.option('--elevation', type=float, help='Degrees of the camera above the platter.')
+@click.option(
+    '--elevation', type=options.ANGLE, help='Of the camera above the platter, seen from the axis.'
+)
 @click.option('--aim', type=options.LENGTH, help='Height on the axis that the camera looks at.')
 @click.option(
     '--laser',
     'lasers',
     multiple=True,
-    metavar='NAME:DEGREES',
-    help='Laser whose plane contains the axis, and its azimuth in degrees from the camera about '
+    metavar='NAME:ANGLE',
+    help='Laser whose plane contains the axis, and its azimuth from the camera about '
     'the axis, counter-clockwise from above. Can be repeated.',
 )
 @click.option('--above', type=options.LENGTH, help="The paper's H: camera above the laser.")
-@click.option('--tilt', type=float, help="The paper's angle: degrees the camera looks down.")
+@click.option('--tilt', type=options.ANGLE, help="The paper's angle: the camera looks down by it.")
 @click.option('--laser-height', type=options.LENGTH, help='Of the laser above the platter.')
 @click.option(
     '--hits',
@@ -67,7 +69,7 @@ def nominal(
     hits: float | None,
 ) -> None:
     """
-    Write a nominal cell.yaml from measured lengths; lengths with their unit, as 400mm.
+    Write a nominal cell.yaml from measured lengths and angles.
 
     Either a camera and lasers whose planes contain the axis (--elevation, --aim, --laser), or the
     paper's arrangement: the camera above a laser whose stripe lies along the rows of the picture
@@ -84,7 +86,7 @@ def nominal(
         geometry = PaperGeometry(
             distance=distance,
             height=above,
-            tilt=math.radians(tilt),
+            tilt=tilt,
             laser_height=laser_height or 0.0,
             axis_height=hits,
         )
@@ -93,18 +95,17 @@ def nominal(
         if elevation is None or not lasers:
             raise click.UsageError('Give --elevation and --laser, or --above and --tilt.')
         parsed = [_laser(text) for text in lasers]
-        cell = axial_cell(camera, distance, math.radians(elevation), aim or 0.0, parsed)
+        cell = axial_cell(camera, distance, elevation, aim or 0.0, parsed)
     save_cell(output, cell)
     text = f'written: {output}; nominal, only as accurate as the measured lengths'
-    Console(markup=False).print(text, soft_wrap=True, highlight=False)
+    console().print(text, soft_wrap=True)
 
 
 def _laser(text: str) -> AxialLaser:
-    name, colon, degrees = text.rpartition(':')
+    name, colon, azimuth = text.rpartition(':')
+    if not (colon and name):
+        raise ParameterError(f"--laser: {text!r} is not NAME:ANGLE; write for example 'left:36'")
     try:
-        azimuth = float(degrees)
-    except ValueError:
-        azimuth = math.nan
-    if not (colon and name and math.isfinite(azimuth)):
-        raise ParameterError(f"laser: {text!r} is not understood; write e.g. 'left:36'")
-    return AxialLaser(name=name, azimuth=math.radians(azimuth))
+        return AxialLaser(name=name, azimuth=parse_angle(azimuth))
+    except click.BadParameter as error:
+        raise ParameterError(f'--laser {text!r}: {error.message}') from error

@@ -6,24 +6,26 @@ from collections.abc import Callable
 from collections.abc import Iterable
 from collections.abc import Mapping
 from collections.abc import Sequence
+import math
 from pathlib import Path
 from typing import Any
 from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from ivfmc_ros.calibration.boards.board import Board
 from ivfmc_ros.calibration.boards.board import parse_board
-from ivfmc_ros.calibration.boards.board import parse_length
 from ivfmc_ros.calibration.boards.board_shape import BoardShape
 from ivfmc_ros.calibration.boards.markers import Markers
 from ivfmc_ros.calibration.boards.markers import parse_markers
 from ivfmc_ros.calibration.report import pictures_by_reason
 from ivfmc_ros.cell.cell_file import CellDraft
 from ivfmc_ros.cell.cell_file import load_draft
+from ivfmc_ros.cli.support.output import console
+from ivfmc_ros.cli.support.quantities import angle
+from ivfmc_ros.cli.support.quantities import length
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.pictures import list_pictures
 
@@ -50,7 +52,8 @@ class _ParsedType(_ParamType):
 
 BOARD = _ParsedType('board', parse_board)
 MARKERS = _ParsedType('markers', parse_markers)
-LENGTH = _ParsedType('length', lambda text: parse_length(text, 'length'))
+LENGTH = length(1e-9)
+ANGLE = angle(-math.pi, math.pi)
 
 camera_option = click.option(
     '--camera', 'camera_file', required=True, type=PATH, help='camera.yaml of the camera.'
@@ -127,18 +130,18 @@ def print_result(
 ) -> None:
     """Print a table of results, the pictures not used, warnings, and the files written."""
     # file names may look like markup
-    console = Console(markup=False)
+    stdout = console()
     table = Table(title=title, show_header=False, title_justify='left')
     for name, value in rows:
         table.add_row(name, value)
-    console.print(table)
+    stdout.print(table)
     for reason, names in pictures_by_reason(dropped).items():
         more = f' and {len(names) - _MAX_NAMES} more' if len(names) > _MAX_NAMES else ''
         text = f'not used, {reason}: {", ".join(names[:_MAX_NAMES])}{more}'
-        console.print(text, soft_wrap=True, highlight=False)
+        stdout.print(text, soft_wrap=True)
     for warning in warnings:
-        console.print(warning_line(warning), soft_wrap=True, highlight=False)
-    console.print(f'written: {", ".join(map(str, files))}', soft_wrap=True, highlight=False)
+        stdout.print(warning_line(warning), soft_wrap=True)
+    stdout.print(f'written: {", ".join(map(str, files))}', soft_wrap=True)
 
 
 def warning_line(text: str) -> Text:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import click
 import numpy as np
-from rich.console import Console
 from rich.text import Text
 
 from ivfmc_ros.angles import save_angles
@@ -34,6 +33,7 @@ from ivfmc_ros.cell.cell_file import load_draft
 from ivfmc_ros.cell.cell_file import save_draft
 from ivfmc_ros.cell.laser import LaserPlane
 from ivfmc_ros.cli.calibrate import options
+from ivfmc_ros.cli.support.output import console
 from ivfmc_ros.cli.support.progress import progress_bars
 from ivfmc_ros.errors import CellError
 
@@ -201,7 +201,7 @@ def _rows(result: TurntableCalibration) -> list[tuple[str, str]]:
 
 def _print_angles(measured: PictureAngles, adjusted: AxisAdjustment, output: Path) -> None:
     steps = np.degrees(measured.steps)
-    console = Console(markup=False)
+    stdout = console()
     lines: list[str | Text] = [
         f'{len(measured.by_name)} pictures, {len(measured.filled)} of them interpolated; '
         f'1 sigma {np.degrees(measured.std):.3f} degrees, corners {adjusted.sigma:.3f} px',
@@ -217,7 +217,7 @@ def _print_angles(measured: PictureAngles, adjusted: AxisAdjustment, output: Pat
         lines.append(options.warning_line(f'without an angle: {_listed(measured.missing)}'))
     lines.append(f'written: {output}')
     for line in lines:
-        console.print(line, soft_wrap=True, highlight=False)
+        stdout.print(line, soft_wrap=True)
 
 
 def _listed(names: Sequence[str], most: int = 8) -> str:

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A plain client of the scan service, as a cell controller would be one."""
+"""A client of the scan service with the stock interfaces that a cell controller has."""
 
 from collections.abc import Callable
 from collections.abc import Iterator
@@ -16,16 +16,16 @@ from ivfmc_ros.errors import ScanError
 from ivfmc_ros.nodes.framework import environment
 
 _SPIN_S = 0.1
-# Two cells of one name answer the same calls; so long is listened for the hearts of another.
+# Seconds to listen for heartbeats of another cell: two cells of one name answer the same calls.
 _LISTEN_S = 1.0
 
 
 @contextmanager
 def cell_client(namespace: str) -> Iterator['CellClient']:
     """
-    Give a client of the cell of a namespace.
+    Yield a client of the cell in ``namespace``.
 
-    :raises HelperError: there is no ROS here
+    :raises HelperError: ROS 2 is not installed
     """
     try:
         environment.prepare()
@@ -71,7 +71,7 @@ class CellClient:
         self.node.destroy_node()
 
     def spin(self, seconds: float = _SPIN_S) -> None:
-        """Let messages come in for so many seconds at most."""
+        """Process messages for at most ``seconds``."""
         self._executor.spin_once(timeout_sec=seconds)
 
     def until(self, condition: Callable[[], bool], seconds: float, what: str) -> None:
@@ -79,7 +79,7 @@ class CellClient:
         deadline = time.monotonic() + seconds
         while not condition():
             if time.monotonic() > deadline:
-                raise HelperError('TIMEOUT', f'waited {seconds:.0f} s in vain for {what}')
+                raise HelperError('TIMEOUT', f'waited {seconds:.0f} s for {what}')
             self.spin()
 
     def trigger(self, name: str, seconds: float = 15.0) -> dict[str, Any]:
@@ -100,19 +100,61 @@ class CellClient:
             raise HelperError(code, f'{code}: {detail}', **answer)
         return dict(answer)
 
-    def set(self, node: str, values: dict[str, Any]) -> None:
-        """:raises ScanError: a parameter was refused, or the node is not there."""
-        from rcl_interfaces.srv import SetParameters
+    @contextmanager
+    def parameters(self, node: str, values: dict[str, Any]) -> Iterator[None]:
+        """
+        Set parameters of a node for the time of the block, then restore the former values.
 
+        :raises ScanError: a parameter is unknown or was refused; nothing is changed then
+        """
+        if not values:
+            yield
+            return
+        before = self._get(node, list(values))
+        self.set(node, values)
+        try:
+            yield
+        finally:
+            self._set_messages(node, before)
+
+    def _get(self, node: str, names: list[str]) -> list[Any]:
+        from rcl_interfaces.msg import Parameter
+        from rcl_interfaces.msg import ParameterType
+        from rcl_interfaces.srv import GetParameters
+
+        request = GetParameters.Request(names=names)
+        found = self.call(f'{node}/get_parameters', GetParameters, request, 15.0).values
+        unknown = [
+            name
+            for name, value in zip(names, found, strict=False)
+            if value.type == ParameterType.PARAMETER_NOT_SET
+        ]
+        if unknown or len(found) != len(names):
+            raise HelperError(
+                'BAD_PARAMETER', f'{node}: has no parameter {", ".join(unknown or names)}'
+            )
+        return [Parameter(name=n, value=value) for n, value in zip(names, found, strict=True)]
+
+    def set(self, node: str, values: dict[str, Any]) -> None:
+        """
+        Set all of the values or none.
+
+        :raises ScanError: a parameter was refused, or the node is not there
+        """
         from ivfmc_ros.nodes.framework.futures import parameter_message
 
-        request = SetParameters.Request(
-            parameters=[parameter_message(name, value) for name, value in values.items()]
+        self._set_messages(
+            node, [parameter_message(name, value) for name, value in values.items()]
         )
-        response = self.call(f'{node}/set_parameters', SetParameters, request, 15.0)
-        for name, result in zip(values, response.results, strict=True):
-            if not result.successful:
-                raise HelperError('BAD_PARAMETER', f'{node}: {name}: {result.reason}')
+
+    def _set_messages(self, node: str, messages: list[Any]) -> None:
+        from rcl_interfaces.srv import SetParametersAtomically
+
+        request = SetParametersAtomically.Request(parameters=messages)
+        service = f'{node}/set_parameters_atomically'
+        result = self.call(service, SetParametersAtomically, request, 15.0).result
+        if not result.successful:
+            raise HelperError('BAD_PARAMETER', f'{node}: {result.reason}')
 
     def call(self, name: str, kind: Any, request: Any, seconds: float) -> Any:
         """:raises HelperError: the service is not there, or does not answer in time."""
@@ -130,7 +172,7 @@ class CellClient:
 
 
 def refuse_another(client: CellClient) -> None:
-    """:raises HelperError: nodes of a cell live in the namespace already."""
+    """:raises HelperError: nodes of a cell run in the namespace already."""
     from std_msgs.msg import Header
 
     from ivfmc_ros.nodes.framework import qos
@@ -140,7 +182,7 @@ def refuse_another(client: CellClient) -> None:
         client.node.create_subscription(
             Header, f'{name}/heartbeat', lambda _, name=name: beating.add(name), qos.reliable(10)
         )
-    # who was killed is in the graph for a while, but has no heart
+    # a killed node stays in the graph for a while, but sends no heartbeat
     end = time.monotonic() + _LISTEN_S
     while time.monotonic() < end:
         client.spin(0.05)
@@ -153,12 +195,12 @@ def refuse_another(client: CellClient) -> None:
 
 
 def result_of(status: dict[str, str], scan_id: str) -> dict[str, Any] | None:
-    """Return the answer of a scan, when the status is that of its end."""
+    """Return the answer of a scan if ``status`` is that of its end."""
     if status.get('scan_id') != scan_id or not status.get('result'):
         return None
     return dict(json.loads(status['result']))
 
 
 def error_of(result: dict[str, Any]) -> ScanError:
-    """Return the error that a bad answer tells."""
+    """Return the error for a bad answer."""
     return HelperError(str(result.get('code')), f'{result.get("code")}: {result.get("detail")}')

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Several programs as one: their output in one place, and an end that leaves none of them."""
+"""Child processes that run together: output in one place, and all are ended together."""
 
 from collections.abc import Callable
 from collections.abc import Mapping
@@ -41,9 +41,9 @@ class Ended:
 
 class Processes:
     """
-    Programs that run together; used in a ``with`` block, at whose end all are gone.
+    Processes that run together; the end of the ``with`` block ends all of them.
 
-    say : is called with (name of the program, line), from several threads
+    say : called with (name of the process, line), from several threads
     """
 
     def __init__(self, say: Say) -> None:
@@ -92,8 +92,8 @@ class Processes:
             text=True,
             errors='replace',
             bufsize=1,
-            # Ctrl-C in the terminal comes to us alone, so that the end has an order; and what a
-            # program has started itself can be found by its group
+            # Ctrl-C in the terminal reaches this process alone, so that it can end the others in
+            # order; children of a child are found by their process group
             start_new_session=True,
         )
         self._running[name] = process
@@ -151,7 +151,7 @@ class Processes:
             text = line.rstrip('\n')
             if ready is not None and text.strip() == ready:
                 seen.set()
-            # whatever happens to the log, a program that nobody reads from would stand still
+            # the pipe must be read even if the log fails: a full pipe blocks the process
             with self._lock, contextlib.suppress(OSError, ValueError):
                 self._say(name, text)
 

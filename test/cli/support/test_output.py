@@ -42,19 +42,26 @@ def clock(monkeypatch):
 def test_progress_off_a_terminal_is_a_line_every_few_seconds(capsys, clock):
     with progress.progress_bars() as show:
         for done in range(100):
-            clock[0] = 0.2 * done
+            clock[0] = 0.2 * done  # seconds
             show('pictures', done, 100)
     err = capsys.readouterr().err
     assert err.splitlines() == [
-        'pictures: 0 of 100',
-        'pictures: 25 of 100',
-        'pictures: 50 of 100',
-        'pictures: 75 of 100',
+        'pictures: 10 of 100',
+        'pictures: 35 of 100',
+        'pictures: 60 of 100',
+        'pictures: 85 of 100',
     ]
+
+
+def test_a_short_job_prints_no_progress_off_a_terminal(capsys, clock):
+    with progress.progress_bars() as show:
+        show('pictures', 1, 2)
+    assert capsys.readouterr().err == ''
 
 
 def test_progress_of_a_new_stage_is_shown_at_once(capsys, clock):
     with progress.progress_bars() as show:
+        clock[0] = 3.0
         show('pictures', 1, 2)
         show('meshing', 0, 1)
     assert capsys.readouterr().err.splitlines() == ['pictures: 1 of 2', 'meshing: 0 of 1']
