@@ -8,9 +8,12 @@ stop its heartbeat. ``python -m ivfmc_ros.worker FD`` receives (function, argume
 inherited socket and sends (True, result) or (False, exception).
 """
 
+from collections.abc import Callable
+from concurrent.futures import Future
 import ctypes
 from multiprocessing.connection import Connection
 import os
+import queue
 import signal
 import socket
 import subprocess
@@ -27,6 +30,8 @@ _PR_SET_PDEATHSIG = 1
 # The worker's nice value; nodes with deadlines come first.
 _NICE = 5
 
+_Process = tuple['subprocess.Popen[bytes]', 'Connection[Any, Any]']
+
 
 class Job(Protocol):
     """A module-level function, which the worker can import."""
@@ -39,33 +44,45 @@ class Worker:
     """
     The parent's side of a worker process. Jobs run in the order in which they are submitted.
 
-    The process is started at once, because it takes a second to import what the jobs need.
+    The process is started at once, because it takes a second to import what the jobs need. A
+    thread that lives as long as this object starts it: for the kernel the parent of a process is
+    the thread that forked it, and PR_SET_PDEATHSIG kills the process when that thread ends.
     """
 
     def __init__(self) -> None:
+        # one job at a time
         self._lock = threading.Lock()
+        # of the process: a kill falls before or after the start of a job, never into it
+        self._state = threading.Lock()
         self._killed = False
-        self._start()
+        self._starts: queue.Queue[Future[_Process] | None] = queue.Queue()
+        launcher = threading.Thread(target=self._launch, name='worker launcher', daemon=True)
+        launcher.start()
+        self._process, self._connection = self._start()
 
-    def run(self, job: Job, *arguments: Any) -> Any:
+    def run(self, job: Job, *arguments: Any, cancelled: Callable[[], bool] = lambda: False) -> Any:
         """
         Run a job and block until its result is there.
 
         job : a module-level function; arguments and result must be picklable
-        :raises CancelledError: ``kill`` was called
+        cancelled : asked once before the job begins; to be true before ``kill`` is called
+        :raises CancelledError: ``cancelled`` was true, or ``kill`` was called
         :raises ScanError: the job raised an exception, or the worker died
         """
         with self._lock:
-            if self._killed or self._process.poll() is not None:
-                self._restart()
-            connection = self._connection
+            with self._state:
+                if cancelled():
+                    raise CancelledError('the work was cancelled')
+                if self._killed or self._process.poll() is not None:
+                    self._restart()
+                process, connection = self._process, self._connection
             try:
                 connection.send((job, arguments))
                 done, result = connection.recv()
             except (EOFError, OSError) as error:
                 if self._killed:
                     raise CancelledError('the work was cancelled') from error
-                code = self._process.wait()
+                code = process.wait()
                 raise ScanError(f'the process that did the work died ({code})') from error
         if not done:
             raise result
@@ -73,29 +90,47 @@ class Worker:
 
     def kill(self) -> None:
         """Kill the process and its current job; the next job starts a new process."""
-        self._killed = True
-        self._process.kill()
+        with self._state:
+            self._killed = True
+            self._process.kill()
 
     def close(self) -> None:
-        """Kill the process and release its socket."""
+        """Kill the process, release its socket, and end the thread that starts processes."""
         self.kill()
         self._process.wait()
         self._connection.close()
+        self._starts.put(None)
 
     def _restart(self) -> None:
-        self.close()
-        self._start()
-
-    def _start(self) -> None:
-        ours, theirs = socket.socketpair()
-        with theirs:
-            self._process = subprocess.Popen(
-                [sys.executable, '-m', 'ivfmc_ros.worker', str(theirs.fileno())],
-                pass_fds=[theirs.fileno()],
-                stdin=subprocess.DEVNULL,
-            )
-        self._connection: Connection[Any, Any] = Connection(ours.detach())
+        self._process.kill()
+        self._process.wait()
+        self._connection.close()
+        self._process, self._connection = self._start()
         self._killed = False
+
+    def _start(self) -> _Process:
+        started: Future[_Process] = Future()
+        self._starts.put(started)
+        return started.result()
+
+    def _launch(self) -> None:
+        while (started := self._starts.get()) is not None:
+            try:
+                started.set_result(_start_process())
+            except OSError as error:
+                failure = ScanError(f'the process for long jobs cannot be started: {error}')
+                started.set_exception(failure)
+
+
+def _start_process() -> _Process:
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'ivfmc_ros.worker', str(theirs.fileno())],
+            pass_fds=[theirs.fileno()],
+            stdin=subprocess.DEVNULL,
+        )
+        return process, Connection(ours.detach())
 
 
 def serve(connection: 'Connection[Any, Any]') -> None:

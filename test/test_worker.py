@@ -1,8 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 import os
+from pathlib import Path
 import runpy
 import signal
+import subprocess
+import sys
 import threading
 import time
 
@@ -59,3 +62,56 @@ def test_dead_worker_is_reported_and_replaced(worker):
     with pytest.raises(ScanError, match='died'):
         worker.run(os.kill, worker.run(os.getpid), signal.SIGKILL)
     assert worker.run(abs, -3) == 3
+
+
+def in_thread(function, *arguments):
+    """Run a call in a thread that ends with it, as the nodes do."""
+    found = []
+
+    def work():
+        try:
+            found.append(function(*arguments))
+        except ScanError as error:
+            found.append(error)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join(30)
+    return found[0]
+
+
+def test_process_started_by_a_thread_outlives_it(worker):
+    # the kernel's PR_SET_PDEATHSIG counts the thread that forked as the parent
+    worker.kill()
+    first = in_thread(worker.run, os.getpid)
+    assert isinstance(first, int), first
+    for _ in range(10):
+        assert in_thread(worker.run, os.getpid) == first
+
+
+def test_job_cancelled_before_it_began_does_not_run(worker, tmp_path):
+    place = tmp_path / 'made'
+    with pytest.raises(CancelledError):
+        worker.run(os.mkdir, str(place), cancelled=lambda: True)
+    assert not place.exists()
+    assert worker.run(abs, -3) == 3
+
+
+def test_worker_ends_with_its_node(tmp_path):
+    """Also by SIGKILL, while a job holds the interpreter."""
+    program = (
+        'import os, threading, time\n'
+        'from ivfmc_ros.worker import Worker\n'
+        'worker = Worker()\n'
+        'print(worker.run(os.getpid), flush=True)\n'
+        'worker.run(time.sleep, 60)\n'
+    )
+    with subprocess.Popen(
+        [sys.executable, '-c', program], stdout=subprocess.PIPE, text=True
+    ) as node:
+        child = int(node.stdout.readline())
+        node.kill()
+    deadline = time.monotonic() + 10
+    while Path(f'/proc/{child}/cmdline').exists() and Path(f'/proc/{child}/cmdline').read_bytes():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
