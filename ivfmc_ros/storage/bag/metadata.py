@@ -118,7 +118,10 @@ def bag_files(folder: Path) -> list[Path]:
     path = folder / FILE_NAME
     info = _read(path)
     storage = info.get('storage_identifier')
-    if storage != 'mcap':
+    names = info.get('relative_file_paths')
+    # ros2 bag reindex leaves the identifier empty
+    is_mcap = storage == 'mcap' or (not storage and _are_mcap(names))
+    if not is_mcap:
         raise BagError(
             f'{path}: the bag is stored as {storage!r}, only mcap can be read; '
             'convert it with ros2 bag convert'
@@ -128,20 +131,28 @@ def bag_files(folder: Path) -> list[Path]:
             f'{path}: rosbag2 compressed the bag by {info["compression_mode"]}; convert it with '
             'ros2 bag convert to one without (chunks of the MCAP may be compressed)'
         )
-    names = info.get('relative_file_paths')
     if not isinstance(names, list) or not names:
         raise BagError(f'{path}: relative_file_paths: must be a list of files')
     return [folder / str(name) for name in names]
 
 
+def not_a_bag_error(folder: Path) -> BagError:
+    """Return the error for a folder without bag files."""
+    return BagError(
+        f'{folder}: has no {FILE_NAME} and is not a bag; name an .mcap file or a bag folder'
+    )
+
+
+def _are_mcap(names: object) -> bool:
+    return isinstance(names, list) and all(str(name).endswith('.mcap') for name in names)
+
+
 def _read(path: Path) -> dict[str, Any]:
     try:
-        document = yaml.safe_load(path.read_text(encoding='utf-8'))
+        # a byte-order mark may precede the text
+        document = yaml.safe_load(path.read_text(encoding='utf-8-sig'))
     except FileNotFoundError:
-        raise BagError(
-            f'{path.parent}: has no {FILE_NAME} and is not a bag; name an .mcap file or a bag '
-            'folder'
-        ) from None
+        raise not_a_bag_error(path.parent) from None
     except OSError as error:
         raise BagError(f'{path}: cannot be read: {error.strerror or error}') from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:

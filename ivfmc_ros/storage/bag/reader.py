@@ -7,36 +7,25 @@ from collections.abc import Callable
 from collections.abc import Collection
 from collections.abc import Iterator
 from dataclasses import dataclass
-import os
 from pathlib import Path
-import struct
 from typing import Any
 
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
 from mcap.records import Channel
+from mcap.records import DataEnd
 from mcap.records import Message
 from mcap.records import Schema
 from mcap.stream_reader import StreamReader
-import zstandard
 
 from ivfmc_ros.errors import BagError
-from ivfmc_ros.storage.bag import metadata
+from ivfmc_ros.storage.bag.locate import find_files
+from ivfmc_ros.storage.bag.locate import is_unfinished
+from ivfmc_ros.storage.bag.summary import is_cut_off
+from ivfmc_ros.storage.bag.summary import READ_ERRORS
+from ivfmc_ros.storage.bag.summary import read_summary
 from ivfmc_ros.storage.messages import cdr
 
 _MAGIC = b'\x89MCAP0\r\n'
-
-# Exceptions of the mcap library on damaged files; lz4 raises RuntimeError, a wrong CRC ValueError.
-READ_ERRORS = (
-    McapError,
-    zstandard.ZstdError,
-    struct.error,
-    ValueError,
-    KeyError,
-    RuntimeError,
-    OverflowError,
-    MemoryError,
-)
+_SALVAGE_ADVICE = ', or use what can be read (--salvage)'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,12 +65,14 @@ class Bag:
     path : as the user named it, for error messages
     topics : by name
     damage : description of the damage of a bag that was opened for salvage, or None
+    remarks : what was missing or damaged and did not prevent reading, damage included
     """
 
     path: Path
     files: tuple[Path, ...]
     topics: dict[str, Topic]
     damage: str | None = None
+    remarks: tuple[str, ...] = ()
 
     @property
     def message_count(self) -> int:
@@ -143,19 +134,36 @@ class Bag:
         """
         Yield the messages of some topics in the order in which they were written.
 
-        :raises BagError: the bag is damaged and was not opened for salvage
+        :raises BagError: the bag is damaged and was not opened for salvage, or its messages do
+            not agree with its index
         """
         seen: Counter[str] = Counter()
         for file in self.files:
             try:
                 for channel, message in _stream(file):
+                    if channel.topic not in self.topics:
+                        raise BagError(
+                            f'{file}: is damaged: topic {channel.topic} is in the messages, not '
+                            f'in the index; copy the file again{_SALVAGE_ADVICE}'
+                        )
                     if channel.topic in topics:
                         index = seen[channel.topic]
                         seen[channel.topic] += 1
                         yield _raw(channel.topic, index, message)
             except _DamageError as error:
                 if self.damage is None:
-                    raise BagError(_damage_text(error, file, seen)) from error
+                    raise BagError(_refusal(_damage_text(error, file, seen))) from error
+        if self.damage is None:
+            self._require_counts(seen, topics)
+
+    def _require_counts(self, seen: Counter[str], topics: Collection[str]) -> None:
+        for name in topics:
+            counted = self.topics[name].count if name in self.topics else 0
+            if seen[name] != counted:
+                raise BagError(
+                    f'{self.path}: is damaged: topic {name} has {seen[name]} messages, its index '
+                    f'lists {counted}; copy the file again{_SALVAGE_ADVICE}'
+                )
 
 
 class _DamageError(Exception):
@@ -166,21 +174,29 @@ def open_bag(path: Path, *, salvage: bool = False) -> Bag:
     """
     Open a bag folder or an ``.mcap`` file.
 
-    salvage : accept a damaged bag; ``Bag.damage`` describes the damage
+    A recording that was not finished (``scan.mcap.part``), or whose ``metadata.yaml`` is missing,
+    is read as far as it goes; ``Bag.remarks`` says so.
+
+    salvage : accept any damaged bag; ``Bag.damage`` describes the damage
     :raises BagError: the path is not a bag, the bag is damaged, or its encoding is not supported
     """
-    files = tuple(metadata.bag_files(path)) if path.is_dir() else (path,)
+    files, missing = find_files(path)
     topics: dict[str, Topic] = {}
     damage = None
+    remarks = [missing] if missing else []
     for file in files:
-        found, file_damage = _topics(file, use_index=not salvage)
-        if file_damage and not salvage:
-            raise BagError(file_damage)
+        # a recording that was not finished is cut off at its last chunk
+        accept = salvage or is_unfinished(file)
+        found, file_damage, remark = _topics(file, use_index=not accept)
+        if file_damage and not accept:
+            raise BagError(_refusal(file_damage))
         damage = damage or file_damage
+        if file_damage or remark:
+            remarks.append(file_damage or remark)
         for topic in found:
             _add(topics, topic)
     _require_cdr(path, topics)
-    return Bag(path=path, files=files, topics=topics, damage=damage)
+    return Bag(path=path, files=files, topics=topics, damage=damage, remarks=tuple(remarks))
 
 
 def _add(topics: dict[str, Topic], topic: Topic) -> None:
@@ -203,12 +219,12 @@ def _require_cdr(path: Path, topics: dict[str, Topic]) -> None:
         )
 
 
-def _topics(file: Path, *, use_index: bool) -> tuple[list[Topic], str | None]:
-    """Return the topics of a file, and a description of its damage or None."""
+def _topics(file: Path, *, use_index: bool) -> tuple[list[Topic], str | None, str]:
+    """Return the topics of a file, a description of its damage or None, and one of its index's."""
     _require_mcap(file)
-    indexed = _topics_of_index(file) if use_index else None
+    indexed, remark = _topics_of_index(file) if use_index else (None, '')
     if indexed is not None:
-        return indexed, None
+        return indexed, None, ''
     channels: dict[int, tuple[Channel, Schema | None]] = {}
     counts: Counter[int] = Counter()
     damage = None
@@ -220,7 +236,7 @@ def _topics(file: Path, *, use_index: bool) -> tuple[list[Topic], str | None]:
         for number, count in counts.items():
             names[channels[number][0].topic] += count
         damage = _damage_text(error, file, names)
-    return [_topic(*channels[number], counts[number]) for number in channels], damage
+    return [_topic(*channels[number], counts[number]) for number in channels], damage, remark
 
 
 def _require_mcap(file: Path) -> None:
@@ -233,30 +249,17 @@ def _require_mcap(file: Path) -> None:
         raise BagError(f'{file}: is not an MCAP file; name an .mcap file or a bag folder')
 
 
-def _is_cut_off(file: Path) -> bool:
-    if file.stat().st_size < 2 * len(_MAGIC):
-        return True
-    with file.open('rb') as stream:
-        stream.seek(-len(_MAGIC), os.SEEK_END)
-        return stream.read() != _MAGIC
-
-
-def _topics_of_index(file: Path) -> list[Topic] | None:
-    """Return the topics in the index at the end of a file, or None where it has no index."""
-    if _is_cut_off(file):
-        return None
-    with file.open('rb') as stream:
-        try:
-            summary = make_reader(stream).get_summary()
-        except (*READ_ERRORS, OSError):
-            return None
+def _topics_of_index(file: Path) -> tuple[list[Topic] | None, str]:
+    """Return the topics in the index at the end of a file or None, and the index's damage."""
+    summary, damage = read_summary(file)
     if summary is None or summary.statistics is None:
-        return None
+        return None, damage
     counts = summary.statistics.channel_message_counts
-    return [
+    topics = [
         _topic(channel, summary.schemas.get(channel.schema_id), counts.get(channel.id, 0))
         for channel in summary.channels.values()
     ]
+    return topics, ''
 
 
 def _topic(channel: Channel, schema: Schema | None, count: int) -> Topic:
@@ -290,7 +293,8 @@ def _stream(
                     channel, _ = channels[record.channel_id]
             except READ_ERRORS as error:
                 raise _DamageError(str(error) or type(error).__name__) from error
-            if record is None:
+            if record is None or isinstance(record, DataEnd):
+                # what follows is the index, which may be damaged
                 return
             if isinstance(record, Schema):
                 schemas[record.id] = record
@@ -306,8 +310,12 @@ def _raw(topic: str, index: int, message: Message) -> RawMessage:
 
 def _damage_text(error: _DamageError, file: Path, counts: Counter[str]) -> str:
     per_topic = ', '.join(f'{count} on {name}' for name, count in sorted(counts.items()))
-    fault = 'is cut off' if _is_cut_off(file) else f'is damaged ({error})'
+    fault = 'is cut off' if is_cut_off(file) else f'is damaged ({error})'
     return (
         f'{file}: the file {fault}; {counts.total()} messages can be read before that'
-        f'{f" ({per_topic})" if per_topic else ""}; copy it again, or salvage these messages'
+        f'{f" ({per_topic})" if per_topic else ""}'
     )
+
+
+def _refusal(damage: str) -> str:
+    return f'{damage}; copy the file again{_SALVAGE_ADVICE}'

@@ -11,7 +11,6 @@ from typing import IO
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.reader import make_reader
 from mcap.records import Channel
 from mcap.records import Chunk
 from mcap.records import Message
@@ -26,7 +25,8 @@ from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.model import Profile
 from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.bag.reader import RawMessage
-from ivfmc_ros.storage.bag.reader import READ_ERRORS
+from ivfmc_ros.storage.bag.summary import READ_ERRORS
+from ivfmc_ros.storage.bag.summary import read_summary
 from ivfmc_ros.storage.bag.writer import FILE_NAME
 from ivfmc_ros.storage.bag.writer import PART_NAME
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
@@ -109,7 +109,7 @@ def _messages(
 def _channels(stream: IO[bytes], topic: str, path: Path) -> set[int]:
     """Return the ids of the MCAP channels of a topic."""
     try:
-        summary = None if path.name == PART_NAME else make_reader(stream).get_summary()
+        summary, _ = read_summary(path)
         if summary is not None:
             channels = summary.channels.values()
             return {channel.id for channel in channels if channel.topic == topic}

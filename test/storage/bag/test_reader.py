@@ -102,16 +102,24 @@ def test_truncated_file_is_refused_with_the_readable_counts(write_mcap):
     bag = open_bag(cut, salvage=True)
     assert 0 < bag.message_count < 400
     assert f'({bag.message_count} on /joint_states)' in str(caught.value)
-    assert bag.damage == str(caught.value)
+    assert str(caught.value).startswith(bag.damage)
+    assert bag.remarks == (bag.damage,)
+    assert '--salvage' in str(caught.value)
     assert len(list(bag.messages(['/joint_states']))) == bag.message_count
 
 
 def test_file_cut_anywhere_is_refused(write_mcap):
     whole = write_mcap(('/joint_states', JOINT, _joints(20)), chunk_size=500)
-    for keep in range(8, whole.stat().st_size, 97):
+    complete = whole.read_bytes().rindex(b'\x0f\x04\0\0\0\0\0\0\0') + 13
+    for keep in range(8, complete, 97):
         with pytest.raises(BagError, match='cut off'):
             open_bag(_cut(whole, keep))
         open_bag(_cut(whole, keep), salvage=True)
+    # what follows is the index, without which all messages can be read
+    for keep in range(complete, whole.stat().st_size, 97):
+        bag = open_bag(_cut(whole, keep))
+        assert len(list(bag.messages(['/joint_states']))) == 20
+        assert 'the index at the end of the file is damaged' in bag.remarks[0]
 
 
 def test_flipped_bit_in_a_chunk_is_found(write_mcap):
