@@ -122,11 +122,11 @@ def _clock_of(client: CellClient, simulated: bool) -> Iterator[None]:
     """Set use_sim_time for the block: /clock stands still when it is no longer published."""
     try:
         for node in _TIMED if simulated else ():
-            client.set(node, {'use_sim_time': True})
+            client.set_parameters(node, {'use_sim_time': True})
         yield
     finally:
         for node in _TIMED if simulated else ():
-            client.set(node, {'use_sim_time': False})
+            client.set_parameters(node, {'use_sim_time': False})
 
 
 def motion_of(recorded: Collection[ProfileHeader]) -> str | None:
@@ -148,11 +148,11 @@ def _prepare(client: CellClient, roles: ScanTopics, motion: str | None, dark: bo
     }
     if motion:
         values['motion'] = motion
-    client.set('triangulator', values)
-    client.set('registrar', {'scan_id': name, 'expected': 0})
+    client.set_parameters('triangulator', values)
+    client.set_parameters('registrar', {'scan_id': name, 'expected': 0})
     client.trigger('registrar/reset')
     # the same bag has the same stamps: without a new scan_id the mesher would keep old views
-    client.set('mesher', {'scan_id': name})
+    client.set_parameters('mesher', {'scan_id': name})
 
 
 def _build(client: CellClient, output: Path | None, profiles: int) -> list[str]:
@@ -162,8 +162,8 @@ def _build(client: CellClient, output: Path | None, profiles: int) -> list[str]:
             output.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise FileError(f'{output}: cannot be made: {error.strerror or error}') from error
-    client.set('mesher', {'scan_folder': '' if output is None else str(output.absolute())})
-    client.set('registrar', {'expected': profiles})
+    client.set_parameters('mesher', {'scan_folder': '' if output is None else str(output.absolute())})
+    client.set_parameters('registrar', {'expected': profiles})
     registered = client.trigger('registrar/register', _REGISTER_S)
     built = client.trigger('mesher/build', _REGISTER_S)
     lines = [f'{key}: {value}' for key, value in registered.items() if _short(key, value)]

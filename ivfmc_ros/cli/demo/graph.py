@@ -14,6 +14,7 @@ from ivfmc_ros.cli.scan import run_scan
 from ivfmc_ros.cli.scan import say
 from ivfmc_ros.cli.support.cell_run import CellRun
 from ivfmc_ros.cli.support.cell_run import NAMESPACE
+from ivfmc_ros.cli.support.cell_run import NODES
 from ivfmc_ros.cli.support.cell_run import start
 from ivfmc_ros.cli.support.cell_run import write_bench
 from ivfmc_ros.cli.support.client import cell_client
@@ -33,7 +34,7 @@ from ivfmc_ros.nodes.framework.environment import config_file
 from ivfmc_ros.simulation.parts.solids import demo_part
 from ivfmc_ros.surface import Surface
 
-_COMING_UP_S = 60.0
+_COMING_UP_S = 120.0
 # Meters at which the colors of deviation.png saturate: five times the rms that is expected.
 _SPAN = 1e-4
 
@@ -85,13 +86,14 @@ def run_graph(output: Path, seed: int, wanted: Mapping[str, Any]) -> None:
 
 
 def _await_cell(client: CellClient, processes: Processes) -> None:
-    alive = _alive(processes)
+    alive, received = _alive(processes), client.watch_heartbeats()
 
     def up() -> bool:
         alive()
-        return bool(client.status)
+        return bool(client.status) and received.issuperset(NODES)
 
-    client.until(up, _COMING_UP_S, 'the cell to come up')
+    # on a loaded machine the slowest node takes much longer to import than the orchestrator
+    client.until(up, _COMING_UP_S, 'all nodes to come up')
 
 
 def _alive(processes: Processes) -> Callable[[], None]:

@@ -218,7 +218,7 @@ class BagPlayer:
         # pictures that are under way belong to the sweep before
         self._drain()
         self._views[head.laser] = head.view
-        self._client.set('triangulator', {'view': self._views})
+        self._client.set_parameters('triangulator', {'view': self._views})
 
     def _tell_clock(self, stamp_ns: int) -> None:
         from builtin_interfaces.msg import Time

@@ -111,7 +111,7 @@ class CellClient:
             yield
             return
         before = self._get(node, list(values))
-        self.set(node, values)
+        self.set_parameters(node, values)
         try:
             yield
         finally:
@@ -135,7 +135,7 @@ class CellClient:
             )
         return [Parameter(name=n, value=value) for n, value in zip(names, found, strict=True)]
 
-    def set(self, node: str, values: dict[str, Any]) -> None:
+    def set_parameters(self, node: str, values: dict[str, Any]) -> None:
         """
         Set all of the values or none.
 
@@ -167,21 +167,29 @@ class CellClient:
         self.until(future.done, seconds, f'an answer of {place}')
         return future.result()
 
+    def watch_heartbeats(self) -> set[str]:
+        """Return a set to which the name of each node is added when its heartbeat arrives."""
+        from std_msgs.msg import Header
+
+        from ivfmc_ros.nodes.framework import qos
+
+        received: set[str] = set()
+        for name in NODES:
+            self.node.create_subscription(
+                Header,
+                f'{name}/heartbeat',
+                lambda _, name=name: received.add(name),
+                qos.reliable(10),
+            )
+        return received
+
     def _hear(self, message: Any) -> None:
         self.status = {item.key: item.value for item in message.values}
 
 
 def refuse_another(client: CellClient) -> None:
     """:raises HelperError: nodes of a cell run in the namespace already."""
-    from std_msgs.msg import Header
-
-    from ivfmc_ros.nodes.framework import qos
-
-    beating: set[str] = set()
-    for name in NODES:
-        client.node.create_subscription(
-            Header, f'{name}/heartbeat', lambda _, name=name: beating.add(name), qos.reliable(10)
-        )
+    beating = client.watch_heartbeats()
     # a killed node stays in the graph for a while, but sends no heartbeat
     end = time.monotonic() + _LISTEN_S
     while time.monotonic() < end:
