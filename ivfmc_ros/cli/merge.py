@@ -13,7 +13,8 @@ from ivfmc_ros.cli.support.progress import progress_bars
 from ivfmc_ros.cli.support.reconstruction_options import reconstruction_options
 from ivfmc_ros.cli.support.reconstruction_options import settings_of
 from ivfmc_ros.cli.support.source import bag_of
-from ivfmc_ros.cli.support.source import open_bag
+from ivfmc_ros.cli.support.source import BagOptions
+from ivfmc_ros.cli.support.source import read_scan
 from ivfmc_ros.cli.support.source import source_options
 from ivfmc_ros.pipeline import measure_profiles
 from ivfmc_ros.pipeline import reconstruct_clampings
@@ -42,17 +43,20 @@ def merge(
     settings = settings_of(options)
     require_several(sources)
     files.require_new_folder(output)
-    clampings = [_clamping(source, root, cell_path, settings) for source in sources]
+    reading = BagOptions.of(options['roles'], options['salvage'])
+    clampings = [_clamping(source, root, cell_path, settings, reading) for source in sources]
     with progress_bars() as progress:
         made = reconstruct_clampings(clampings, settings, progress)
     cell = clampings[0].cell
     say(output, write_results(output, cell, made, ' + '.join(sources), {}))
 
 
-def _clamping(source: str, root: Path, cell_path: Path | None, settings: Settings) -> Clamping:
+def _clamping(
+    source: str, root: Path, cell_path: Path | None, settings: Settings, reading: BagOptions
+) -> Clamping:
     bag = bag_of(source)
     if bag is not None:
-        scan, cell = open_bag(bag, cell_path, None)
+        scan, cell = read_scan(bag, cell_path, None, reading)
         with progress_bars() as progress:
             profiles = measure_profiles(cell, scan.frames(), settings, scan.frame_count, progress)
     else:

@@ -17,7 +17,8 @@ from ivfmc_ros.cli.support.progress import progress_bars
 from ivfmc_ros.cli.support.reconstruction_options import reconstruction_options
 from ivfmc_ros.cli.support.reconstruction_options import settings_of
 from ivfmc_ros.cli.support.source import bag_of
-from ivfmc_ros.cli.support.source import open_bag
+from ivfmc_ros.cli.support.source import BagOptions
+from ivfmc_ros.cli.support.source import read_scan
 from ivfmc_ros.cli.support.source import source_options
 from ivfmc_ros.pipeline import reconstruct as run
 from ivfmc_ros.pipeline import reconstruct_profiles
@@ -25,6 +26,7 @@ from ivfmc_ros.pipeline import Reconstruction
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.results import write_results
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
+from ivfmc_ros.storage.scans.scan_bag import ScanBag
 from ivfmc_ros.storage.scans.stored_scan import load_profiles
 
 
@@ -51,14 +53,17 @@ def reconstruct(
     """
     Rebuild a part.
 
-    BAG is a folder with metadata.yaml or an .mcap file; its pictures are measured again.
+    BAG is a bag folder, the folder of an interrupted scan, or an .mcap file; its pictures are
+    measured again.
     SCAN_ID is a scan of the catalogue; its stored points are read from its bag.
     """
     settings = settings_of(options)
+    reading = BagOptions.of(options['roles'], options['salvage'])
     files.require_new_folder(output)
     bag = bag_of(source)
     if bag is not None:
-        made, cell, skipped = _from_bag(bag, cell_path, camera_path, settings)
+        scan, cell = read_scan(bag, cell_path, camera_path, reading)
+        made, skipped = _measure(scan, cell, settings), scan.skipped
     else:
         made, cell, skipped = _from_catalogue(root, source, cell_path, camera_path, settings)
     document = write_results(output, cell, made, source, skipped)
@@ -71,13 +76,9 @@ def reconstruct(
         say(output, document)
 
 
-def _from_bag(
-    bag: Path, cell_path: Path | None, camera_path: Path | None, settings: Settings
-) -> tuple[Reconstruction, Cell, Mapping[str, int]]:
-    scan, cell = open_bag(bag, cell_path, camera_path)
+def _measure(scan: ScanBag, cell: Cell, settings: Settings) -> Reconstruction:
     with progress_bars() as progress:
-        made = run(cell, scan.frames(), settings, scan.frame_count, progress)
-    return made, cell, scan.skipped
+        return run(cell, scan.frames(), settings, scan.frame_count, progress)
 
 
 def _from_catalogue(

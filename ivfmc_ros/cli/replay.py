@@ -23,13 +23,13 @@ from ivfmc_ros.cli.support.client import cell_client
 from ivfmc_ros.cli.support.client import CellClient
 from ivfmc_ros.cli.support.output import console
 from ivfmc_ros.cli.support.progress import progress_bars
+from ivfmc_ros.cli.support.source import bag_options
+from ivfmc_ros.cli.support.source import BagOptions
+from ivfmc_ros.cli.support.source import read_bag
 from ivfmc_ros.errors import FileError
-from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.scan.request import MOTIONS
 from ivfmc_ros.scan.scan_folder import load_parameters
 from ivfmc_ros.storage.bag.reader import Bag
-from ivfmc_ros.storage.bag.reader import open_bag
-from ivfmc_ros.storage.bag.topics import find_scan_topics
 from ivfmc_ros.storage.bag.topics import ScanTopics
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 from ivfmc_ros.storage.scans.scan_bag import recorded_profile_headers
@@ -50,13 +50,7 @@ _TIMED = ('triangulator', 'registrar', 'mesher')
 )
 @click.option('-o', '--output', type=_PATH, help='Folder to make for the mesh files.')
 @click.option('--clock', is_flag=True, help='Publish /clock, and set use_sim_time of the nodes.')
-@click.option(
-    '--role',
-    'roles',
-    multiple=True,
-    metavar='ROLE=TOPIC',
-    help='Topic of the bag that is image, camera_info, joint_states, laser_states or profile.',
-)
+@bag_options
 @click.option(
     '--topic',
     'others',
@@ -77,8 +71,7 @@ def replay(bag: Path, namespace: str, **options: Any) -> None:
     output: Path | None = options['output']
     if output is not None:
         files.require_new_folder(output)
-    opened = open_bag(bag)
-    roles = find_scan_topics(opened, _pairs('--role', options['roles']))
+    opened, roles = read_bag(bag, BagOptions.of(options['roles'], options['salvage']))
     tracks = _tracks(opened, roles, options['others'])
     # the views of a recorded scan, and nothing else, are its views again
     profile = None if options['motion'] else roles.profile
@@ -162,7 +155,9 @@ def _build(client: CellClient, output: Path | None, profiles: int) -> list[str]:
             output.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise FileError(f'{output}: cannot be made: {error.strerror or error}') from error
-    client.set_parameters('mesher', {'scan_folder': '' if output is None else str(output.absolute())})
+    client.set_parameters(
+        'mesher', {'scan_folder': '' if output is None else str(output.absolute())}
+    )
     client.set_parameters('registrar', {'expected': profiles})
     registered = client.trigger('registrar/register', _REGISTER_S)
     built = client.trigger('mesher/build', _REGISTER_S)
@@ -172,13 +167,3 @@ def _build(client: CellClient, output: Path | None, profiles: int) -> list[str]:
 
 def _short(key: str, value: Any) -> bool:
     return key != 'code' and not isinstance(value, list | dict)
-
-
-def _pairs(option: str, items: Sequence[str]) -> dict[str, str]:
-    found = {}
-    for item in items:
-        name, equals, value = item.partition('=')
-        if not (equals and name and value):
-            raise ParameterError(f'{option} {item!r}: must be ROLE=TOPIC')
-        found[name] = value
-    return found

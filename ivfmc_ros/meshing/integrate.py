@@ -25,7 +25,7 @@ from ivfmc_ros.meshing.tsdf import hole_filling
 from ivfmc_ros.meshing.tsdf import signed_distance
 from ivfmc_ros.meshing.tsdf import surface_nets
 from ivfmc_ros.meshing.tsdf.blur import SparseBlur
-from ivfmc_ros.meshing.tsdf.space_carving import carve
+from ivfmc_ros.meshing.tsdf.space_carving import carve_free_space
 from ivfmc_ros.model import BASE
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import BRIDGED
@@ -96,7 +96,7 @@ def integrate(samples: SurfaceSamples, voxel: float, settings: MeshSettings) -> 
     with ThreadPoolExecutor(1) as executor:
         filling = executor.submit(_fill_holes, sums, samples, settings.floor)
         measured, weight = signed_distance.signed_distance(sums)
-        carve(blocks, measured, samples)
+        carve_free_space(blocks, measured, samples)
     coarse = filling.result()
     surface = surface_nets.extract_surface(
         *closed_distance.close_distance(blocks, measured, coarse, settings.floor)

@@ -27,13 +27,13 @@ class Misfit:
 
     rms : meters, along the normal, trimmed (without the worst tenth)
     noise : meters, the rms that the points' own sigmas explain
-    pieces : number of correspondences between surfels of two lasers
+    correspondences : their number, between surfels of two lasers
     advice : what the operator can do; empty if the lasers fit
     """
 
     rms: float
     noise: float
-    pieces: int
+    correspondences: int
     advice: str
 
 
@@ -67,4 +67,4 @@ def laser_misfit(
             'times their noise: calibrate the laser planes and the axis again, or let this scan '
             'correct them (refine axis, angle, lasers)'
         )
-    return Misfit(rms=rms, noise=noise, pieces=len(residuals), advice=advice)
+    return Misfit(rms=rms, noise=noise, correspondences=len(residuals), advice=advice)

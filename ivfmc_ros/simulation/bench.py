@@ -14,15 +14,15 @@ from ivfmc_ros.model import Floats
 
 SIZE = (1280, 1024)  # pixels, width and height
 FOCAL_LENGTH = 2350.0  # pixels
-CAMERA_DISTANCE = 0.4  # metres, from the point of the axis that the camera looks at
-AIM_HEIGHT = 0.045  # metres above the platter
+CAMERA_DISTANCE = 0.4  # meters, from the point of the axis that the camera looks at
+AIM_HEIGHT = 0.045  # meters above the platter
 CAMERA_ELEVATION = np.radians(20.0)
 # At equal angles the table's angle errors of order 6 and 12 would be unobservable.
 LASER_AZIMUTHS = {'left': np.radians(36.0), 'right': np.radians(-30.0)}
 MILD_DISTORTION = (-0.05, 0.01, 0.0, 0.0, 0.0)  # plumb_bob: k1, k2, p1, p2, k3
 
-VOLUME_RADIUS = 0.06  # metres, working volume: a cylinder that stands on the platter
-VOLUME_HEIGHT = 0.1  # metres
+VOLUME_RADIUS = 0.06  # meters, working volume: a cylinder that stands on the platter
+VOLUME_HEIGHT = 0.1  # meters
 
 
 def bench_cell(distortion: ArrayLike = MILD_DISTORTION) -> Cell:
@@ -63,9 +63,9 @@ def look_at_axis(distance: float, elevation: float, height: float) -> Floats:
     """
     Return camera_from_base of an upright camera at azimuth 0 that looks at the table's axis.
 
-    distance : metres from the camera center to the point of the axis
+    distance : meters from the camera center to the point of the axis
     elevation : radians above the platter
-    height : metres, of the point above the platter
+    height : meters, of the point above the platter
     returns : (4, 4) rigid
     """
     back = np.array([np.cos(elevation), 0.0, np.sin(elevation)])

@@ -89,9 +89,9 @@ def test_live_views_equal_those_of_the_pipeline_and_become_a_mesh(
     assert placed[0].header.stamp != found[0].header.stamp == placed[-1].header.stamp
     assert len(placed[-1].poses) == len(expected)
     assert (tmp_path / 'mesh.stl').stat().st_size == 84 + 50 * built['counts']['faces']
-    kinds, loops = built['surface']['faces'], built['surface']['open_loops']
+    kinds, loops = built['surface']['faces'], built['surface']['boundary_loops']
     assert sum(kinds.values()) == built['counts']['faces'] > kinds['measured'] > 0
-    # nobody sees the face that the part stands on
+    # the face on which the part stands is not measured
     assert loops >= 1 and built['surface']['longest_loops'][0]['length_m'] > 0.05
     assert len(markers[0].points) == 3 * built['counts']['shown_faces'] <= 1500
     assert len(shapes[0].triangles) == built['counts']['shown_faces']
@@ -195,6 +195,55 @@ def test_heartbeat_continues_while_a_mesh_is_built_and_cancelled(
         assert answer['code'] in ('CANCELLED', 'OK')
         assert client.trigger('mesher/build')[0]
     assert max(np.diff(beats)) < 1.0
+
+
+def request(client, service):
+    """Call a Trigger without waiting for its answer; returns a function that does."""
+    requests = client.node.create_client(Trigger, service)
+    client.until(requests.service_is_ready)
+    future = requests.call_async(Trigger.Request())
+
+    def answer():
+        client.until(future.done)
+        return json.loads(future.result().message)
+
+    return answer
+
+
+def test_new_scan_ends_the_work_for_the_last_one(
+    client, cell_file, camera_file, profiles, tmp_path
+):
+    views = client.collect(PointCloud2, 'view')
+    files = {'cell': str(cell_file), 'camera': str(camera_file)}
+    with running('registrar', **files), running('mesher', **files):
+        client.until(lambda: client.node.count_subscribers('view_poses') == 1)
+        for scan in ('before', 'now'):
+            assert client.set('registrar', scan_id=scan).successful
+            publish(client, profiles)
+            client.until(lambda: f'profiles: {len(profiles)}' in client.diagnostic('registrar'))
+            if scan == 'before':
+                # the worker still imports what it needs
+                registered = request(client, 'registrar/register')
+                client.until(lambda: 'busy: True' in client.diagnostic('registrar'))
+        late = registered()
+        assert late['code'] == 'CANCELLED'
+        assert 'scan now was begun' in late['detail']
+        assert not views
+        good, answer = client.trigger('registrar/register')
+        assert good, answer
+        assert answer['scan_id'] == 'now'
+        # the mesher takes the poses of this answer, and no others
+        assert client.set('mesher', scan_id='now', poses_stamp=7).successful
+        good, refused = client.trigger('mesher/build')
+        assert (good, refused['code']) == (False, 'NOT_READY')
+        assert client.trigger('registrar/register')[0]
+        built = request(client, 'mesher/build')
+        client.until(lambda: 'busy: True' in client.diagnostic('mesher'))
+        assert client.set('mesher', scan_id='next', scan_folder=str(tmp_path)).successful
+        assert built()['code'] == 'CANCELLED'
+        assert not list(tmp_path.iterdir())
+        good, refused = client.trigger('mesher/build')
+        assert (good, refused['code']) == (False, 'NOT_READY')
 
 
 def test_invalid_parameters_are_rejected_by_name(client):

@@ -23,9 +23,9 @@ def corner(count=4000, seed=1, noise=0.0):
     return points + noise * rng.standard_normal((count, 3)), normals
 
 
-def moved_by(degrees=1.0, millimetres=0.6):
+def moved_by(degrees=1.0, millimeters=0.6):
     rotation = Rotation.from_rotvec(np.radians(degrees) * np.array([0.6, -0.64, 0.48]))
-    return transforms.rigid(rotation.as_matrix(), 1e-3 * millimetres * np.array([0.6, 0.0, -0.8]))
+    return transforms.rigid(rotation.as_matrix(), 1e-3 * millimeters * np.array([0.6, 0.0, -0.8]))
 
 
 def error_of(T, truth, points):

@@ -29,7 +29,7 @@ def two_lasers(apart):
 def test_lasers_that_fit_give_no_advice():
     found = laser_misfit(two_lasers(0.0), Poses.identity(2))
     assert found.rms < 2.0 * found.noise
-    assert found.pieces > 1000
+    assert found.correspondences > 1000
     assert found.advice == ''
 
 

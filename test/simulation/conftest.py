@@ -21,7 +21,7 @@ def demo():
 
 @pytest.fixture(scope='session')
 def centroid_errors():
-    """Pixels by which the centre of mass of the light is off the truth, inside of a stripe."""
+    """Pixels by which the center of mass of the light is off the truth, inside of a stripe."""
 
     def errors(light, truth, half=16):
         window = np.round(truth.across).astype(int)[:, None] + np.arange(-half, half + 1)

@@ -16,12 +16,12 @@ def base_from_camera(cell):
 
 
 def test_camera_stands_where_the_design_says(cell):
-    centre = base_from_camera(cell)[:3, 3]
+    center = base_from_camera(cell)[:3, 3]
     aim = np.array([0.0, 0.0, 0.045])
-    assert np.linalg.norm(centre - aim) == pytest.approx(0.4)
-    assert np.arcsin((centre - aim)[2] / 0.4) == pytest.approx(np.radians(20))
-    assert centre[1] == pytest.approx(0, abs=1e-12)
-    assert centre[0] > 0  # x of the base points to the camera
+    assert np.linalg.norm(center - aim) == pytest.approx(0.4)
+    assert np.arcsin((center - aim)[2] / 0.4) == pytest.approx(np.radians(20))
+    assert center[1] == pytest.approx(0, abs=1e-12)
+    assert center[0] > 0  # x of the base points to the camera
 
 
 def test_camera_looks_at_the_axis_upright(cell):

@@ -35,9 +35,9 @@ def moved(view, T):
     return replace(view, points_xyz=transforms.apply(T, view.points_xyz))
 
 
-def slip(degrees=0.4, millimetres=0.3):
+def slip(degrees=0.4, millimeters=0.3):
     """Return the (4, 4) pose of a part that slipped on the table: a turn about z and a shift."""
-    shift = 1e-3 * millimetres * np.array([0.6, -0.8, 0.0])
+    shift = 1e-3 * millimeters * np.array([0.6, -0.8, 0.0])
     return transforms.rigid(transforms.rotation_z(np.radians(degrees)), shift)
 
 

@@ -60,8 +60,8 @@ def noise(pictures: tuple[Path, ...], output: Path, stripe: Stripe, channel: str
     settings = ExtractSettings(channel=channel)
     images = [_upright(read_picture(path), stripe) for path in _sample_paths(pictures)]
     color = channel if channel != 'auto' else channels.unclipped_channel(images)
-    greys = [channels.to_gray(image, color) for image in images]
-    result = estimate_noise(greys, settings)
+    gray_images = [channels.to_gray(image, color) for image in images]
+    result = estimate_noise(gray_images, settings)
     save_noise(output, result.noise)
     _print_estimate(result, len(images), output)
 

@@ -48,7 +48,7 @@ def run_graph(output: Path, seed: int, wanted: Mapping[str, Any]) -> None:
     """
     files.require_new_folder(output)
     output.mkdir(parents=True, exist_ok=True)
-    # nobody else's cell on the network is meant
+    # other cells on the network must not answer
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     cell, camera = write_bench(output)
     run = CellRun(

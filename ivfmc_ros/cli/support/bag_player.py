@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Publishes the messages of a bag, as fast as asked for or as fast as they are worked off."""
+"""Publishes topics of a bag, at a given rate or as fast as the nodes process the images."""
 
 from collections.abc import Callable
 from collections.abc import Mapping
@@ -20,18 +20,18 @@ from ivfmc_ros.storage.messages.sensor_messages import COMPRESSED_IMAGE
 from ivfmc_ros.storage.messages.sensor_messages import IMAGE
 from ivfmc_ros.storage.messages.sensor_messages import image as image_message
 
-# Fewer than the triangulator keeps, so that none is pushed out of its history.
+# Images in flight; fewer than the history of the triangulator, so that none is lost.
 _WINDOW = 10
-# Pictures that give no profile (laser off, table moving) are not waited for longer, seconds; the
-# first ones may take the time in which the triangulator gets ready.
+# Seconds to wait for the profile of an image: some give none (laser off, table moving). The first
+# one may take longer, because the triangulator loads its calibration.
 _PATIENCE_S = 1.0
 _FIRST_PATIENCE_S = 10.0
 _DRAIN_S = 120.0
-# Each laser its own view, for more lasers than any cell has: an empty list has no type to send.
+# One view for each laser, for more lasers than any cell has: an empty list has no type to send.
 OWN_VIEWS = list(range(16))
 _CALM_S = 1.5
 _SPIN_S = 0.002
-# Who else publishes is discovered late on a busy machine, and its name later still.
+# Seconds: on a busy machine other publishers are discovered late, and their names later still.
 _LOOK_S = 1.0
 _NAME_S = 2.0
 _NAMELESS = '_NODE_NAME_UNKNOWN_'
@@ -40,10 +40,10 @@ _NAMELESS = '_NODE_NAME_UNKNOWN_'
 @dataclass(frozen=True, kw_only=True)
 class Track:
     """
-    One topic of a bag and where it goes.
+    One topic of a bag and the topic on which it is published.
 
-    picture : its messages are pictures, of which not too many may be under way
-    decode : pictures are compressed and published decoded
+    picture : its messages are images, of which at most ``_WINDOW`` are in flight
+    decode : decodes compressed images, which are published raw
     """
 
     source: str
@@ -54,7 +54,7 @@ class Track:
 
 
 def target_of(bag: Bag, source: str, target: str, picture: bool = False) -> Track:
-    """Return how a topic is published; the triangulator takes pictures that are not compressed."""
+    """Return how a topic is published: compressed images are decoded for the triangulator."""
     msgtype = cdr.full_name(bag.topic(source).msgtype)
     if picture and msgtype == COMPRESSED_IMAGE:
         decode = bag.decoder(source)
@@ -130,10 +130,10 @@ class BagPlayer:
         )
 
     def await_listeners(self, seconds: float) -> None:
-        """:raises HelperError: nobody listens, or somebody else publishes one of the topics."""
+        """:raises HelperError: a topic has no subscriber, or another publisher."""
         names = ', '.join(p.topic_name for p in self._publishers.values())
-        self._client.until(self._is_heard, seconds, f'somebody who listens to {names}')
-        # a listener that sees what we offer may subscribe anew, and hears nothing meanwhile
+        self._client.until(self._is_heard, seconds, f'subscribers of {names}')
+        # a subscriber that adapts its QoS to ours subscribes again and receives nothing meanwhile
         calm = time.monotonic() + _CALM_S
         while time.monotonic() < calm:
             self._client.spin(_SPIN_S)
@@ -150,7 +150,7 @@ class BagPlayer:
 
         rate : times the recorded speed; 0.0 is as fast as pictures become profiles
         progress : is called with the number of messages that are out
-        :raises HelperError: somebody else begins to publish one of the topics
+        :raises HelperError: another publisher of one of the topics appears
         """
         start: tuple[float, int] | None = None
         looked = time.monotonic()
@@ -182,7 +182,7 @@ class BagPlayer:
                 )
 
     def _others(self, track: Track) -> set[str]:
-        """Return who publishes a topic beside us."""
+        """Return the names of other nodes that publish a topic."""
         node = self._client.node
         infos = node.get_publishers_info_by_topic(node.resolve_topic_name(track.target))
         own = node.get_name()
@@ -212,10 +212,10 @@ class BagPlayer:
         self._client.spin(0.0)
 
     def _select(self, head: ProfileHeader) -> None:
-        """Let the profile of a laser belong to its view from now on, as the scan did."""
+        """Set the view of each laser for the images that follow, as in the recorded scan."""
         if self._views[head.laser] == head.view:
             return
-        # pictures that are under way belong to the sweep before
+        # images in flight belong to the sweep before
         self._drain()
         self._views[head.laser] = head.view
         self._client.set_parameters('triangulator', {'view': self._views})
@@ -234,7 +234,7 @@ class BagPlayer:
         self._under_way = [waiting for waiting in self._under_way if waiting > stamp_ns]
 
     def _hold_back(self) -> None:
-        """Wait while many pictures are under way, but not for those that give no profile."""
+        """Wait while many images are in flight, but not for those that give no profile."""
         begin = time.monotonic()
         while len(self._under_way) >= _WINDOW:
             self._client.spin(_SPIN_S)

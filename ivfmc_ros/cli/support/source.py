@@ -1,8 +1,12 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a command rebuilds: a bag of pictures, or a scan of the catalogue by its id."""
+"""What a command reads: a bag of pictures, or a scan of the catalogue by its id."""
 
 from collections.abc import Callable
+from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 from typing import TypeVar
@@ -15,6 +19,10 @@ from ivfmc_ros.cell.cell_file import load_draft
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.scan.scan_folder import load_parameters
+from ivfmc_ros.storage.bag.reader import Bag
+from ivfmc_ros.storage.bag.reader import open_bag
+from ivfmc_ros.storage.bag.topics import find_scan_topics
+from ivfmc_ros.storage.bag.topics import ScanTopics
 from ivfmc_ros.storage.scans.scan_bag import open_scan
 from ivfmc_ros.storage.scans.scan_bag import ScanBag
 
@@ -27,6 +35,20 @@ scans_option = click.option(
     default=Path('ivfmc_run') / 'scans',
     show_default=True,
     help='Folder of the scans, where a scan id is looked for.',
+)
+_BAG_OPTIONS = (
+    click.option(
+        '--role',
+        'roles',
+        multiple=True,
+        metavar='ROLE=TOPIC',
+        help='Topic of the bag that is image, camera_info, joint_states, laser_states or profile.',
+    ),
+    click.option(
+        '--salvage',
+        is_flag=True,
+        help='Use what can be read of a damaged bag; what is lost is said.',
+    ),
 )
 _OPTIONS = (
     click.option(
@@ -43,6 +65,7 @@ _OPTIONS = (
         help='Folder to make; must not exist yet.',
     ),
     scans_option,
+    *_BAG_OPTIONS,
 )
 
 
@@ -51,6 +74,41 @@ def source_options(command: Command) -> Command:
     for option in reversed(_OPTIONS):
         command = option(command)
     return command
+
+
+def bag_options(command: Command) -> Command:
+    """Add the options of a command that reads bags; ``BagOptions.of`` takes their values."""
+    for option in reversed(_BAG_OPTIONS):
+        command = option(command)
+    return command
+
+
+@dataclass(frozen=True, kw_only=True)
+class BagOptions:
+    """
+    How bags are read.
+
+    roles : topic by role, where it is not found by its name
+    salvage : accept damaged bags
+    """
+
+    roles: Mapping[str, str] = field(default_factory=dict)
+    salvage: bool = False
+
+    @classmethod
+    def of(cls, roles: Sequence[str], salvage: bool) -> 'BagOptions':
+        """
+        Return the values of ``bag_options``.
+
+        :raises ParameterError: a role has no topic
+        """
+        found = {}
+        for item in roles:
+            name, equals, value = item.partition('=')
+            if not (equals and name and value):
+                raise ParameterError(f'--role {item!r}: must be ROLE=TOPIC')
+            found[name] = value
+        return cls(roles=found, salvage=salvage)
 
 
 def bag_of(source: str) -> Path | None:
@@ -62,25 +120,50 @@ def bag_of(source: str) -> Path | None:
     bag = Path(source)
     if bag.exists():
         return bag
-    if '/' in source or source.endswith('.mcap'):
+    if '/' in source or source.endswith(('.mcap', '.mcap.part')):
         raise FileError(f'{source}: there is no such bag')
     return None
 
 
-def open_bag(bag: Path, cell_path: Path | None, camera_path: Path | None) -> tuple[ScanBag, Cell]:
+def read_bag(path: Path, options: BagOptions) -> tuple[Bag, ScanTopics]:
     """
-    Return the pictures of a bag, and the cell that took them.
+    Open a bag and find the topics of a scan in it; what was missing is printed.
+
+    :raises BagError: the bag is damaged, or a topic is missing
+    """
+    bag = open_bag(path, salvage=options.salvage)
+    _warn(bag.remarks)
+    return bag, find_scan_topics(bag, options.roles)
+
+
+def read_scan(
+    path: Path, cell_path: Path | None, camera_path: Path | None, options: BagOptions
+) -> tuple[ScanBag, Cell]:
+    """
+    Return the pictures of a bag, and the cell that took them; what was missing is printed.
 
     cell_path, camera_path : to use instead of what lies beside the bag, and in it
     :raises ParameterError: there is no cell.yaml
     """
-    folder = bag if bag.is_dir() else bag.parent
-    path = cell_path or folder / 'cell.yaml'
-    if cell_path is None and not path.is_file():
+    folder = path if path.is_dir() else path.parent
+    cell_file = cell_path or folder / 'cell.yaml'
+    if cell_path is None and not cell_file.is_file():
         raise ParameterError('--cell cell.yaml is needed: there is none beside the bag')
-    draft = load_draft(path)
-    camera = None if camera_path is None else load_camera(camera_path)
-    names = [laser.name for laser in draft.lasers]
-    dark = bool(load_parameters(folder).get('dark_frames'))
-    scan = open_scan(bag, lasers=names, camera=camera, dark=dark)
-    return scan, draft.complete(scan.camera, str(path))
+    draft = load_draft(cell_file)
+    joint = {} if draft.turntable is None else {'joint': draft.turntable.joint}
+    scan = open_scan(
+        path,
+        lasers=[laser.name for laser in draft.lasers],
+        camera=None if camera_path is None else load_camera(camera_path),
+        topics=options.roles,
+        dark=bool(load_parameters(folder).get('dark_frames')),
+        salvage=options.salvage,
+        **joint,
+    )
+    _warn(scan.remarks)
+    return scan, draft.complete(scan.camera, str(cell_file))
+
+
+def _warn(remarks: Sequence[str]) -> None:
+    for remark in remarks:
+        click.echo(f'ivfmc: warning: {remark}', err=True)

@@ -37,8 +37,8 @@ def mesh_figures(mesh: Mesh) -> dict[str, Any]:
     kind = np.zeros(len(mesh.faces)) if mesh.kind is None else mesh.kind
     return {
         'faces': {name: int((kind == number).sum()) for name, number in _KINDS.items()},
-        'flying_pieces': mesh.isolated_components,
-        'open_loops': len(loops),
+        'isolated_components': mesh.isolated_components,
+        'boundary_loops': len(loops),
         'longest_loops': [
             {'edges': loop.edges, 'length_m': loop.length, 'center_xyz_m': list(loop.center_xyz)}
             for loop in loops[:_LISTED]

@@ -24,7 +24,7 @@ _MIN_FACING = 0.15
 _OUTSIDE = 0.3  # voxels, the distance given to carved voxels
 
 
-def carve(blocks: VoxelBlocks, values: Singles, samples: SurfaceSamples) -> None:
+def carve_free_space(blocks: VoxelBlocks, values: Singles, samples: SurfaceSamples) -> None:
     """
     Set inside voxels that rays of samples pass through to outside, in place.
 

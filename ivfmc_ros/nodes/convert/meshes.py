@@ -30,7 +30,7 @@ def marker(vertices_xyz: Floats, faces: Ints, stamp_ns: int) -> bytes:
     """
     Return a visualization_msgs/Marker (TRIANGLE_LIST) as CDR.
 
-    vertices_xyz, faces : (n, 3) metres, (m, 3) vertex indices
+    vertices_xyz, faces : (n, 3) meters, (m, 3) vertex indices
     """
     empty = Marker(
         header=header(stamp_ns, FRAME),
@@ -47,7 +47,7 @@ def marker(vertices_xyz: Floats, faces: Ints, stamp_ns: int) -> bytes:
 
 
 def mesh_shape(vertices_xyz: Floats, faces: Ints) -> bytes:
-    """Return a shape_msgs/Mesh as CDR: (n, 3) vertices in metres, (m, 3) vertex indices."""
+    """Return a shape_msgs/Mesh as CDR: (n, 3) vertices in meters, (m, 3) vertex indices."""
     start = bytes(serialize_message(MeshMessage()))[:_CDR_HEADER]
     triangles = np.ascontiguousarray(faces, dtype='<u4')
     head = start + _count(len(triangles)) + triangles.tobytes()

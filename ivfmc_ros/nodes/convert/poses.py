@@ -29,7 +29,7 @@ def from_transforms(by_number: Mapping[int, Floats], stamp_ns: int) -> PoseArray
     """
     Return the message whose pose i is the transform of view number i.
 
-    by_number : (4, 4) turntable_from_view, metres; identity for missing numbers
+    by_number : (4, 4) turntable_from_view, meters; identity for missing numbers
     """
     count = max(by_number, default=-1) + 1
     poses = [_pose(by_number.get(number, np.eye(4))) for number in range(count)]

@@ -92,4 +92,4 @@ def test_isolated_component_is_dropped_and_counted():
     mesh = build_mesh(CELL, scanned, Poses.identity(2), MeshSettings(floor=None))
     assert mesh.isolated_components >= 1
     assert mesh.vertices_xyz[:, 2].max() < 0.06
-    assert mesh_figures(mesh)['flying_pieces'] == mesh.isolated_components
+    assert mesh_figures(mesh)['isolated_components'] == mesh.isolated_components
