@@ -5,6 +5,7 @@
 from collections.abc import Callable
 import contextlib
 import errno
+import termios
 import threading
 import time
 
@@ -13,7 +14,7 @@ import serial
 from ivfmc_ros.errors import ControllerLostError
 
 _READ_TIMEOUT = 0.02  # seconds; on_tick is called at least this often
-_WRITE_TIMEOUT = 1.0  # seconds; commands are short, only a port that nobody reads blocks so long
+_WRITE_TIMEOUT = 1.0  # seconds; commands are short: only a port without a reader blocks so long
 _MAX_LINE_LENGTH = 512  # bytes; GRBL's lines are below 130, longer input without an end is noise
 
 
@@ -24,6 +25,7 @@ class SerialLine:
     on_line : called in the thread with each line and the monotonic second of its first byte
     on_tick : called in the thread at least every 20 ms
     on_lost : called in the thread, once, with the reason when the port fails
+    unfinished : bytes that were received after the last line
     """
 
     def __init__(
@@ -39,6 +41,7 @@ class SerialLine:
         self._thread: threading.Thread | None = None
         self._closing = threading.Event()
         self._name = ''
+        self.unfinished = b''
 
     def open(self, name: str, baud: int) -> None:
         """
@@ -51,11 +54,12 @@ class SerialLine:
             port = serial.serial_for_url(
                 name, baud, timeout=_READ_TIMEOUT, write_timeout=_WRITE_TIMEOUT, exclusive=True
             )
-        except (OSError, ValueError) as error:
+        # termios.error is no OSError: the port vanished while it was opened
+        except (OSError, ValueError, termios.error) as error:
             denied = getattr(error, 'errno', None) == errno.EACCES
             hint = '; add the user to the group that owns the port (dialout)' if denied else ''
             raise ControllerLostError(f'port {name}: cannot be opened: {error}{hint}') from error
-        self._name, self._port = name, port
+        self._name, self._port, self.unfinished = name, port, b''
         self._closing.clear()
         self._thread = threading.Thread(target=self._run, name='controller', daemon=True)
         self._thread.start()
@@ -86,7 +90,7 @@ class SerialLine:
             with self._write_lock:
                 port.write(data)
         # pyserial lets a TypeError out when the port is closed by another thread
-        except (OSError, TypeError) as error:
+        except (OSError, TypeError, termios.error) as error:
             raise ControllerLostError(f'port {self._name}: cannot be written: {error}') from error
 
     def _run(self) -> None:
@@ -95,6 +99,10 @@ class SerialLine:
             self._read_lines(self._port)
         except Exception as error:
             self._on_lost(f'port {self._name}: {error}')
+            # a device file that stays open gives the device another name when it is plugged in
+            if self._port is not None:
+                with contextlib.suppress(OSError):
+                    self._port.close()
 
     def _read_lines(self, port: serial.Serial | None) -> None:
         partial, started = b'', 0.0
@@ -106,5 +114,5 @@ class SerialLine:
             for line in lines:
                 self._on_line(line.strip().decode('ascii', 'replace'), started)
                 started = now
-            partial = partial[-_MAX_LINE_LENGTH:]
+            partial = self.unfinished = partial[-_MAX_LINE_LENGTH:]
             self._on_tick()

@@ -58,19 +58,22 @@ class CommandChannel:
         """Count of aborts; see ``send``."""
         return self._epoch
 
-    def send(self, text: str, epoch: int | None = None) -> None:
+    def send(
+        self, text: str, epoch: int | None = None, on_ok: Callable[[], None] | None = None
+    ) -> None:
         """
         Send a line and wait for its response; send it again if there is none.
 
         epoch : value of ``epoch`` at the begin of the command that the line belongs to; the line
             is not sent if there was an abort since, so that nothing starts again after a stop
+        on_ok : called in the reading thread when the response is ok
         :raises ControllerRefusedError: the controller responds with an error
         :raises ControllerLostError: there is no response
         :raises DeviceError: the reason of an abort
         """
         for attempt in range(_ATTEMPTS):
             is_last = attempt == _ATTEMPTS - 1
-            pending = self._begin(text, None, epoch)
+            pending = self._begin(text, on_ok, epoch)
             if not self._wait(pending):
                 if is_last:
                     break
@@ -103,9 +106,9 @@ class CommandChannel:
         if pending is None:
             return
         pending.error_number = error_number
-        pending.done.set()
         if error_number is None and pending.on_ok is not None:
             pending.on_ok()
+        pending.done.set()
 
     def abort(self, reason: DeviceError) -> None:
         """Abort the line in flight and all that wait to be sent; their senders get ``reason``."""

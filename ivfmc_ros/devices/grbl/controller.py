@@ -8,6 +8,7 @@ queued, not arrived; M3, M5, M8 and M9 wait until all queued motion has ended; a
 the axis moves loses the position, so a stop is a feed hold (``!``), then a soft reset (0x18).
 """
 
+import contextlib
 from dataclasses import replace
 import math
 import threading
@@ -17,6 +18,12 @@ from ivfmc_ros.devices.controller import CONNECTING
 from ivfmc_ros.devices.controller import ControllerState
 from ivfmc_ros.devices.grbl import protocol
 from ivfmc_ros.devices.grbl.command_channel import CommandChannel
+from ivfmc_ros.devices.grbl.handshake import ACCELERATION
+from ivfmc_ros.devices.grbl.handshake import Handshake
+from ivfmc_ros.devices.grbl.handshake import HOMING
+from ivfmc_ros.devices.grbl.handshake import MAX_RATE
+from ivfmc_ros.devices.grbl.handshake import MAX_SPINDLE
+from ivfmc_ros.devices.grbl.handshake import START_TIMEOUT
 from ivfmc_ros.devices.grbl.monitor import GrblMonitor
 from ivfmc_ros.devices.grbl.settings import GrblSettings
 from ivfmc_ros.devices.grbl.settings import OUTPUTS
@@ -31,12 +38,8 @@ from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import StoppedError
 from ivfmc_ros.validation import require_in_range
 
-# Numbers of GRBL's ``$`` settings; the number of an axis is added to the last two.
-_MAX_SPINDLE, _HOMING, _MAX_RATE, _ACCELERATION = 30, 22, 110, 120
 _DEFAULT_MAX_SPINDLE = 1000.0  # GRBL's default of $30
-_START_TIMEOUT = 4.0  # seconds; a boot loader listens for two before it starts GRBL
 _RESET_TIMEOUT = 2.0  # seconds from a soft reset to the banner; no boot loader runs then
-_AUTO_RESET_TIMEOUT = 2.5  # seconds; without a banner, opening the port did not reset GRBL
 _BRAKING_MARGIN = 3.0  # seconds beyond the braking time, for the report of the standstill
 _MIN_FEED = 1.0  # controller units per minute; GRBL refuses 0
 _ACCELERATION_TOLERANCE = 1e-3  # relative; GRBL reports settings with three decimals
@@ -55,6 +58,7 @@ class GrblController:
         self._monitor = GrblMonitor(self._units, dict(settings.lasers))
         self._command_lock = threading.RLock()
         self._stop_lock = threading.Lock()
+        self._handshake = Handshake(settings, self._line, self._channel, self._monitor)
 
     # -- MotionController
 
@@ -63,18 +67,19 @@ class GrblController:
         Connect, wait until the controller has started, turn the lasers off.
 
         :raises ControllerLostError: the port cannot be opened, or GRBL does not answer
-        :raises ControllerRefusedError: GRBL does not have the axis
+        :raises ControllerRefusedError: GRBL is older than 1.1, or does not have the axis
         """
         with self._command_lock:
             self._monitor.begin_connection()
-            self._line.open(self._settings.port, self._settings.baud)
+            self._handshake.begin()
             try:
-                self._wait_for_start()
-                self._read_settings()
+                self._line.open(self._settings.port, self._settings.baud)
+                self._handshake.run()
                 if self._monitor.alarm == CONNECTING:
                     self._restore_modes_and_outputs()
                     self._monitor.clear_alarm()
-            except DeviceError:
+            except BaseException:
+                # connected or lost, nothing between: clear_alarm connects a lost controller again
                 self._line.close()
                 self._monitor.set_lost()
                 raise
@@ -100,7 +105,7 @@ class GrblController:
         :raises ControllerRefusedError: homing is not enabled ($22=0)
         """
         with self._command_lock:
-            if not self._monitor.settings.get(_HOMING):
+            if not self._monitor.settings.get(HOMING):
                 raise ControllerRefusedError(
                     'the controller has no home switch, or homing is not enabled; $22=1 enables it'
                 )
@@ -109,12 +114,20 @@ class GrblController:
             with self._monitor.homing(self._settings.home_timeout):
                 self._channel.send('$H')
             self._monitor.clear_alarm()
-            self._monitor.wait_for_report(_START_TIMEOUT)
+            self._monitor.wait_for_position(START_TIMEOUT)
             self._restore_modes_and_outputs()
 
     def stop(self) -> None:
-        """Brake and turn the lasers off; a command that waits for a response is aborted."""
+        """
+        Brake and turn the lasers off; a command that waits for a response is aborted.
+
+        :raises ControllerLostError: the controller is lost; a reset is sent all the same
+        """
         with self._stop_lock:
+            if self._monitor.lost:
+                # it may still receive, though its reports do not arrive
+                self._line.write(protocol.RESET)
+                self._require_connected()
             if self._monitor.moving:
                 self._brake()
             self._reset()
@@ -153,19 +166,18 @@ class GrblController:
             self._set_acceleration(acceleration)
             target = self._units.from_radians(position)
             feed = max(60 * self._units.length(velocity), _MIN_FEED)
-            feed = min(feed, self._axis_setting(_MAX_RATE))
+            feed = min(feed, self._axis_setting(MAX_RATE))
             start = self._monitor.target_units
             controller_target = self._units.to_controller(target)
             text = f'G53G1{self._settings.axis}{controller_target:.4f}F{feed:.3f}'
-            limit = self._axis_setting(_ACCELERATION)
+            limit = self._axis_setting(ACCELERATION)
             plan = trajectory.trapezoid(start, target, feed / 60, limit, 0.0)
             self._monitor.announce_move(plan)
             try:
-                self._channel.send(text, epoch)
+                self._channel.send(text, epoch, self._monitor.begin_move)
             except DeviceError:
                 self._monitor.withdraw_move()
                 raise
-            self._monitor.begin_move()
             # a dwell is answered when the motion has ended
             self._channel.send_without_waiting('G4P0.01', self._monitor.end_move, epoch)
 
@@ -206,18 +218,19 @@ class GrblController:
         :raises ControllerLostError: the controller is not connected
         """
         self._require_connected()
-        if self._setting_number(_ACCELERATION) not in self._monitor.settings:
+        if self._setting_number(ACCELERATION) not in self._monitor.settings:
             raise ControllerLostError('the controller is not connected yet')
         units_per_radian = self._units.length(1.0)
         return AxisLimits(
-            velocity=self._axis_setting(_MAX_RATE) / 60 / units_per_radian,
-            acceleration=self._axis_setting(_ACCELERATION) / units_per_radian,
+            velocity=self._axis_setting(MAX_RATE) / 60 / units_per_radian,
+            acceleration=self._axis_setting(ACCELERATION) / units_per_radian,
         )
 
     # -- called by the reading thread
 
     def _handle_line(self, text: str, received_at: float) -> None:
         line = protocol.parse(text)
+        self._handshake.note_line(text)
         if isinstance(line, protocol.Response):
             self._channel.handle_response(line.error)
         elif isinstance(line, protocol.Alarm):
@@ -227,12 +240,12 @@ class GrblController:
                 ControllerAlarmError(f'the controller raised alarm {line.number}: {reason}')
             )
         elif isinstance(line, protocol.Banner):
-            self._handle_banner()
+            self._handle_banner(line.version)
         else:
             self._monitor.handle_line(line, received_at)
 
-    def _handle_banner(self) -> None:
-        if self._monitor.handle_banner():
+    def _handle_banner(self, version: str) -> None:
+        if self._monitor.handle_banner(version):
             self._channel.abort(StoppedError('the motion was stopped'))
         else:
             self._channel.abort(
@@ -243,6 +256,9 @@ class GrblController:
 
     def _query_status(self) -> None:
         if self._monitor.is_silent:
+            # it may still receive, though its reports do not arrive: a reset turns the lasers off
+            with contextlib.suppress(DeviceError):
+                self._line.write(protocol.RESET)
             self._set_lost('the controller no longer answers status queries')
         elif self._monitor.query_due():
             try:
@@ -268,7 +284,7 @@ class GrblController:
         return self._monitor.settings[self._setting_number(first)]
 
     def _turn_on_command(self, output: str) -> str:
-        full_power = self._monitor.settings.get(_MAX_SPINDLE, _DEFAULT_MAX_SPINDLE)
+        full_power = self._monitor.settings.get(MAX_SPINDLE, _DEFAULT_MAX_SPINDLE)
         return OUTPUTS[output][0].format(self._settings.power * full_power)
 
     def _require_connected(self) -> None:
@@ -284,27 +300,6 @@ class GrblController:
                 f'the controller is locked: {self._monitor.alarm}; call home or clear_alarm'
             )
 
-    def _wait_for_start(self) -> None:
-        if not self._monitor.wait_for_start(_AUTO_RESET_TIMEOUT):
-            self._monitor.expect_start()
-            self._line.write(protocol.RESET)
-            self._monitor.wait_for_start(_START_TIMEOUT)
-        if not self._monitor.wait_for_report(_START_TIMEOUT):
-            raise ControllerLostError(
-                f'port {self._settings.port}: no answer from GRBL; check port and baud'
-            )
-
-    def _read_settings(self) -> None:
-        self._channel.send('$$')
-        needed = [self._setting_number(first) for first in (_MAX_RATE, _ACCELERATION)]
-        if not all(self._monitor.settings.get(number, 0.0) > 0 for number in needed):
-            self._channel.send('$$')
-        missing = [f'${n}' for n in needed if not self._monitor.settings.get(n, 0.0) > 0]
-        if missing:
-            raise ControllerRefusedError(
-                f'the controller has no axis {self._settings.axis}: {missing[0]} is not set'
-            )
-
     def _restore_modes(self) -> None:
         """Set the modes that a reset changed; G1 because in laser mode G0 turns the laser off."""
         self._channel.send('G21G90G94')
@@ -318,10 +313,10 @@ class GrblController:
 
     def _brake(self) -> None:
         """Hold the motion: a reset of a moving table would lose the position."""
-        deceleration = self._axis_setting(_ACCELERATION)
+        deceleration = self._axis_setting(ACCELERATION)
         self._line.write(protocol.HOLD)
         self._monitor.begin_hold(deceleration)
-        rate = self._axis_setting(_MAX_RATE) / 60
+        rate = self._axis_setting(MAX_RATE) / 60
         self._monitor.wait_for_hold(rate / deceleration + _BRAKING_MARGIN)
 
     def _reset(self) -> None:
@@ -332,17 +327,25 @@ class GrblController:
             if self._monitor.wait_for_start(_RESET_TIMEOUT):
                 break
         else:
-            raise ControllerLostError('the controller did not start again after a reset')
+            error = ControllerLostError('the controller did not start again after a reset')
+            self._set_lost(str(error))
+            raise error
         self._monitor.set_lasers({})
-        self._monitor.wait_for_report(_START_TIMEOUT)
+        self._monitor.wait_for_position(START_TIMEOUT)
 
     def _set_acceleration(self, acceleration: float) -> None:
-        number = self._setting_number(_ACCELERATION)
+        number = self._setting_number(ACCELERATION)
         wanted = round(self._units.length(acceleration), 3)
         if abs(wanted - self._monitor.settings[number]) > _ACCELERATION_TOLERANCE * wanted:
             # written only if it differs: the EEPROM endures 100,000 writes
             self._channel.send(f'${number}={wanted:.3f}')
-            self._monitor.settings[number] = wanted
+            self._handshake.read_settings()
+            written = self._monitor.settings[number]
+            if abs(wanted - written) > _ACCELERATION_TOLERANCE * wanted:
+                raise ControllerRefusedError(
+                    f'${number}={wanted:.3f}: the controller reads back {written:.3f}; a byte was '
+                    'lost on the line, or its firmware limits the acceleration'
+                )
 
 
 def _require_motion(position: float, velocity: float, acceleration: float) -> None:

@@ -8,7 +8,6 @@ Source: the interface description of GRBL 1.1 (github.com/gnea/grbl, doc/markdow
 
 from collections.abc import Callable
 from dataclasses import dataclass
-import math
 import re
 
 # Realtime bytes: soft reset (also turns spindle and coolant off at once), feed hold, resume,
@@ -64,7 +63,11 @@ class Alarm:
 
 @dataclass(frozen=True, kw_only=True)
 class Banner:
-    """``Grbl 1.1h [...]``, sent at each start and after each reset."""
+    """
+    ``Grbl 1.1h [...]``, sent at each start and after each reset.
+
+    version : as ``1.1h``, '' if bytes of it were lost
+    """
 
     version: str
 
@@ -79,6 +82,7 @@ class StatusReport:
     machine : positions of the axes in machine coordinates, controller units
     work, offset : the same in work coordinates, and machine - work
     outputs : letters of the outputs that are on (S or C for spindle, F for coolant)
+    inches : whether the positions have the format of inches ($13=1), with four decimals
     """
 
     state: str
@@ -87,6 +91,7 @@ class StatusReport:
     work: tuple[float, ...] | None = None
     offset: tuple[float, ...] | None = None
     outputs: str | None = None
+    inches: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,17 +111,20 @@ class Feedback:
 
 Line = Response | Alarm | Banner | StatusReport | Setting | Feedback
 
+_INCH_DECIMALS = 4
 _POSITIONS = {'MPos': 'machine', 'WPos': 'work', 'WCO': 'offset'}
+# A banner is recognized by its begin or its end, because a restart that is missed is a position
+# that is lost without notice. grblHAL and FluidNC put their names into it.
+_BANNER_MARKS = ('Grbl', 'for help]')
+_BANNER_VERSION = re.compile(r'\d+\.\d+[a-z]*')
+# Three decimals are millimeters or degrees, four are inches; one lost byte changes the format.
+_NUMBER = re.compile(r'-?\d+\.(\d{3,4})')
 _LINES: tuple[tuple[re.Pattern[str], Callable[[re.Match[str]], Line]], ...] = (
     (re.compile(r'ok'), lambda match: Response()),
     (re.compile(r'error:(\d{1,3})'), lambda match: Response(error=int(match[1]))),
     (re.compile(r'ALARM:(\d{1,3})'), lambda match: Alarm(number=int(match[1]))),
     (
-        re.compile(r"Grbl (\d+\.\d+\w*) \['\$' for help\]"),
-        lambda match: Banner(version=match[1]),
-    ),
-    (
-        re.compile(r'\$(\d{1,3})=(-?\d+(?:\.\d+)?)(?: .*)?'),
+        re.compile(r'\$(\d{1,3})=(-?\d+(?:\.\d{3})?)(?: \([^$<>]*)?'),
         lambda match: Setting(number=int(match[1]), value=float(match[2])),
     ),
     (re.compile(r'\[(.*)\]'), lambda match: Feedback(text=match[1])),
@@ -130,43 +138,42 @@ def parse(text: str) -> Line | None:
     for pattern, build in _LINES:
         if match := pattern.fullmatch(text):
             return build(match)
+    if any(mark in text for mark in _BANNER_MARKS):
+        version = _BANNER_VERSION.search(text)
+        return Banner(version=version[0] if version else '')
     return None
 
 
 def _parse_report(text: str) -> StatusReport | None:
-    if not text.endswith('>'):
+    # a second bracket: the line end between two reports was lost
+    if not text.endswith('>') or '<' in text[1:] or '>' in text[:-1]:
         return None
     state, *fields = text[1:-1].split('|')
-    name, _, substate = state.partition(':')
-    if name not in STATES or not (substate == '' or substate.isdecimal()):
+    name, colon, substate = state.partition(':')
+    if name not in STATES or (colon and not substate.isdecimal()):
         return None
     positions: dict[str, tuple[float, ...]] = {}
+    formats: set[int] = set()
     outputs = None
     for field in fields:
         key, _, value = field.partition(':')
         if key in _POSITIONS:
-            numbers = _parse_numbers(value)
-            if numbers is None:
+            matches = [_NUMBER.fullmatch(part) for part in value.split(',')]
+            if None in matches or _POSITIONS[key] in positions:
                 return None
-            positions[_POSITIONS[key]] = numbers
+            formats.update(len(match[1]) for match in matches if match)
+            positions[_POSITIONS[key]] = tuple(float(match[0]) for match in matches if match)
         elif key == 'Ov':
             # GRBL reports outputs with the overrides; without a field A all are off
             outputs = outputs or ''
         elif key == 'A':
             outputs = value
-    if 'machine' not in positions and 'work' not in positions:
+    if ('machine' not in positions and 'work' not in positions) or len(formats) != 1:
         return None
     return StatusReport(
         state=name,
         substate=int(substate) if substate else None,
         outputs=outputs,
+        inches=formats == {_INCH_DECIMALS},
         **positions,
     )
-
-
-def _parse_numbers(text: str) -> tuple[float, ...] | None:
-    try:
-        numbers = tuple(float(part) for part in text.split(','))
-    except ValueError:
-        return None
-    return numbers if all(math.isfinite(number) for number in numbers) else None

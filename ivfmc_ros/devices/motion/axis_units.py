@@ -43,12 +43,13 @@ class AxisUnits:
 
     def unwrap(self, controller_units: float, expected: float) -> float:
         """
-        Return the unwrapped units of the controller's own position.
-
-        Adjusts the count of turns, so that the result is within half a turn of ``expected``.
+        Return the unwrapped units of the controller's own position, nearest to ``expected``.
 
         expected : unwrapped units where the axis should be
         """
-        turns = round((expected - controller_units) / self._units_per_turn - self._turn_offset)
-        self._turn_offset += turns
-        return controller_units + self._turn_offset * self._units_per_turn
+        turns = round((expected - controller_units) / self._units_per_turn)
+        return controller_units + turns * self._units_per_turn
+
+    def set_turns(self, controller_units: float, units: float) -> None:
+        """Set the count of turns by one position in both: the controller's and unwrapped."""
+        self._turn_offset = round((units - controller_units) / self._units_per_turn)

@@ -52,7 +52,7 @@ class ControllerEmulator:
         self.machine.settings[22] = float(homing)
         self._path = path
         self._rng = np.random.default_rng(seed)
-        self._drop = 0.0
+        self._drop = self._join = 0.0
         self._silent_until = -math.inf
         self._boot_at = math.inf
         self._closing = threading.Event()
@@ -95,8 +95,9 @@ class ControllerEmulator:
         """
         Cause a fault of the controller.
 
-        ``drop P`` loses each byte to the computer with probability P; ``silence S`` sends
-        nothing for S seconds; ``reset`` restarts the controller, as after a brown-out;
+        ``drop P`` loses each byte to the computer with probability P; ``join P`` loses each
+        byte of line ends so; ``silence S`` sends nothing for S seconds; ``reset`` restarts the
+        controller, as after a brown-out;
         ``alarm N`` raises an alarm; ``slip D`` turns the table by D degrees on the shaft;
         ``noise`` sends a line of random bytes; ``unplug`` removes the port.
 
@@ -107,6 +108,8 @@ class ControllerEmulator:
         with self._lock:
             if name == 'drop':
                 self._drop = float(argument)
+            elif name == 'join':
+                self._join = float(argument)
             elif name == 'silence':
                 self._silent_until = now + float(argument)
             elif name == 'reset':
@@ -160,9 +163,11 @@ class ControllerEmulator:
             self._write(output)
 
     def _write(self, output: bytes) -> None:
-        if self._drop:
-            kept = self._rng.random(len(output)) >= self._drop
-            output = np.frombuffer(output, dtype=np.uint8)[kept].tobytes()
+        if self._drop or self._join:
+            data = np.frombuffer(output, dtype=np.uint8)
+            line_end = np.isin(data, tuple(b'\r\n'))
+            probability = np.where(line_end, max(self._drop, self._join), self._drop)
+            output = data[self._rng.random(len(data)) >= probability].tobytes()
         # the port is closed, or its buffer is full
         with contextlib.suppress(OSError):
             os.write(self._master, output)

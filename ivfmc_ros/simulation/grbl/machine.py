@@ -31,7 +31,7 @@ SETTINGS: dict[int, float] = {
     **{100: 160, 101: 250, 102: 250, 110: 7200, 111: 500, 112: 500},
     **{120: 360, 121: 10, 122: 10, 130: 200, 131: 200, 132: 200},
 }
-_HOMING_ENABLED = 22
+_REPORT_INCHES, _HOMING_ENABLED = 13, 22
 _SETTING = re.compile(r'(\d+)=(-?\d+\.?\d*)')
 
 # Returns at a time (seconds) whether the controller need not wait any longer.
@@ -45,6 +45,7 @@ class GrblMachine:
     on_motion : called with the time and the trajectory of the table, see GrblAxis
     on_outputs : called with the time and the outputs when these change
     clock_scale : controller seconds per second; a ceramic resonator is good to 0.5 %
+    banner : sent at each start
     """
 
     def __init__(
@@ -55,6 +56,7 @@ class GrblMachine:
         clock_scale: float = 1.0,
     ) -> None:
         self.settings = dict(SETTINGS)
+        self.banner = BANNER
         self.axis = GrblAxis(self.settings, on_motion, clock_scale)
         self._on_outputs = on_outputs
         self._outputs = LaserOutputs()
@@ -153,6 +155,7 @@ class GrblMachine:
                 rpm=self._modal_state.speed if outputs.spindle else 0.0,
                 outputs=self._modal_state.letters(outputs),
                 busy=self.axis.state != 'Idle',
+                inches=bool(self.settings[_REPORT_INCHES]),
             )
         )
 
@@ -173,7 +176,7 @@ class GrblMachine:
         self._send_banner(now)
 
     def _send_banner(self, now: float) -> None:
-        self._send(BANNER)
+        self._send(self.banner)
         if self._locked:
             self._send("[MSG:'$H'|'$X' to unlock]\r\n")
         self._update_outputs(now)

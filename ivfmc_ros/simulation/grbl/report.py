@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 # Reports from one with work offset, or overrides, to the next: (idle, busy); config.h of GRBL.
 _OFFSET_PERIOD, _OVERRIDES_PERIOD = (10, 30), (10, 20)
+_MM_PER_INCH = 25.4
 # Settings that are listed without decimals.
 _INTEGER_SETTINGS = (0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 30, 31, 32)
 
@@ -29,6 +30,7 @@ class ReportFormatter:
         rpm: float,
         outputs: str,
         busy: bool,
+        inches: bool = False,
     ) -> str:
         """
         Return a status report.
@@ -38,18 +40,21 @@ class ReportFormatter:
         rpm : spindle speed
         outputs : letters of the outputs that are on
         busy : whether the state is not Idle
+        inches : report positions and feed in inches, as with $13=1
         """
+        scale, decimals = (1 / _MM_PER_INCH, 4) if inches else (1.0, 3)
+        zero = f'{0.0:.{decimals}f}'
         parts = [
             state,
-            f'MPos:{position + 0.0:.3f},0.000,0.000',
-            f'FS:{feed:.0f},{rpm:.0f}',
+            f'MPos:{position * scale + 0.0:.{decimals}f},{zero},{zero}',
+            f'FS:{feed * scale:.0f},{rpm:.0f}',
         ]
         if self._offset_in > 0:
             self._offset_in -= 1
         else:
             self._offset_in = _OFFSET_PERIOD[busy] - 1
             self._overrides_in = self._overrides_in or 1
-            parts.append('WCO:0.000,0.000,0.000')
+            parts.append(f'WCO:{zero},{zero},{zero}')
         if self._overrides_in > 0:
             self._overrides_in -= 1
         else:

@@ -1,10 +1,14 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 import math
+import re
+import termios
 import threading
 import time
 
+import numpy as np
 import pytest
+import serial
 
 from ivfmc_ros.devices.grbl.controller import GrblController
 from ivfmc_ros.devices.grbl.settings import GrblSettings
@@ -15,6 +19,7 @@ from ivfmc_ros.errors import DeviceError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import StoppedError
 from ivfmc_ros.simulation.grbl.emulator import ControllerEmulator
+from ivfmc_ros.simulation.grbl.report import ReportFormatter
 
 FAST = (2.0, 2 * math.pi)  # rad/s, rad/s^2
 
@@ -228,6 +233,56 @@ def test_unplugged_port_is_a_lost_controller(controller, emulator):
         controller.clear_alarm()
 
 
+def test_clear_alarm_connects_after_a_failed_attempt_and_replugging(emulator, tmp_path):
+    port = tmp_path / 'port'
+    port.symlink_to(tmp_path / 'controller')
+    controller = GrblController(GrblSettings(port=str(port)))
+    controller.open()
+    port.unlink()
+    controller._set_lost('unplugged')
+    for _ in range(2):
+        # the second attempt said that clear_alarm has to be called, and did not open the port
+        with pytest.raises(ControllerLostError, match='cannot be opened'):
+            controller.clear_alarm()
+        assert controller.poll().alarm == 'CONTROLLER_LOST'
+    port.symlink_to(tmp_path / 'controller')
+    controller.clear_alarm()
+    assert controller.poll().alarm is None
+    controller.close()
+
+
+@pytest.mark.parametrize('error', [termios.error(5, 'Input/output error'), KeyError('unexpected')])
+def test_open_that_fails_in_any_way_leaves_a_lost_controller(controller, monkeypatch, error):
+    def fail(*_, **__):
+        raise error
+
+    controller._set_lost('unplugged')
+    with monkeypatch.context() as patch:
+        patch.setattr(serial, 'serial_for_url', fail)
+        with pytest.raises((ControllerLostError, KeyError)):
+            controller.clear_alarm()
+    assert controller.poll().alarm == 'CONTROLLER_LOST'
+    controller.clear_alarm()
+    assert controller.poll().alarm is None
+
+
+def test_controller_that_does_not_answer_a_stop_is_lost(controller, emulator):
+    emulator.machine._report_status = lambda now: None
+    emulator.machine._send_banner = lambda now: None
+    with pytest.raises(ControllerLostError, match='reset'):
+        controller.stop()
+    assert controller.poll().alarm == 'CONTROLLER_LOST'
+
+
+def test_silent_controller_is_reset_so_that_its_laser_goes_off(controller, emulator):
+    controller.set_laser('right')
+    start = time.monotonic()
+    emulator.fault('silence 60')
+    until(lambda: controller.poll().alarm == 'CONTROLLER_LOST')
+    until(lambda: emulator.machine._present_outputs().coolant == 0.0)
+    assert time.monotonic() - start < 1.7
+
+
 def test_noise_is_ignored(controller, emulator):
     for _ in range(20):
         emulator.fault('noise')
@@ -376,3 +431,166 @@ def test_motion_out_of_range_is_refused(controller, motion):
 def test_settings_out_of_range_are_refused(wrong):
     with pytest.raises(ParameterError):
         GrblSettings(port='x', **wrong)
+
+
+def lose_bytes(emulator, pattern, replacement, count=1):
+    """Damage the next ``count`` outputs of the controller that contain ``pattern``."""
+    write, left = emulator._write, [count]
+
+    def damaged(output):
+        if left[0] and re.search(pattern, output):
+            left[0] -= 1
+            output = re.sub(pattern, replacement, output)
+        write(output)
+
+    emulator._write = damaged
+
+
+def test_setting_that_lost_a_byte_is_read_again(emulator, tmp_path):
+    lose_bytes(emulator, rb'\$110=7200.000', b'$110=720.000')
+    controller = GrblController(GrblSettings(port=str(tmp_path / 'controller')))
+    controller.open()
+    assert controller.limits().velocity == pytest.approx(math.radians(7200 / 60))
+    controller.close()
+
+
+def test_settings_that_differ_in_every_listing_are_refused(emulator, tmp_path):
+    numbers, send = iter(range(100, 200)), emulator.machine._send
+    emulator.machine._send = lambda text: send(
+        re.sub('110=7200', lambda _: f'110={next(numbers)}', text)
+    )
+    controller = GrblController(GrblSettings(port=str(tmp_path / 'controller')))
+    with pytest.raises(ControllerLostError, match=r'\$110 .*differently'):
+        controller.open()
+    controller.close()
+
+
+def test_position_that_lost_a_byte_moves_nothing(controller, emulator):
+    controller.move_to(math.radians(123), *FAST)
+    arrive(controller)
+    seen = []
+    lose_bytes(emulator, rb'MPos:123.000', b'MPos:13.000')
+    end = time.monotonic() + 0.8
+    while time.monotonic() < end:
+        seen.append(math.degrees(controller.poll().position))
+        time.sleep(0.005)
+    assert np.ptp(seen) < 0.1
+    assert controller.poll().alarm is None
+
+
+def test_damaged_position_before_a_move_adds_no_turns(controller, emulator):
+    controller.move_to(math.radians(10), *FAST)
+    arrive(controller)
+    lose_bytes(emulator, rb'MPos:10.000', b'MPos:710.000', count=1)
+    time.sleep(0.3)
+    controller.move_to(math.radians(20), *FAST)
+    assert math.degrees(arrive(controller).position) == pytest.approx(20, abs=0.01)
+    assert true_degrees(emulator) == pytest.approx(20, abs=0.01)
+
+
+def test_joined_lines_are_not_read_as_one(controller, emulator):
+    emulator.fault('join 0.2')
+    positions = []
+    controller.move_to(2.0, 1.0, 2 * math.pi)
+    while controller.poll().moving:
+        positions.append(controller.poll().position)
+        time.sleep(0.005)
+    emulator.fault('join 0')
+    assert np.diff(positions).min() > -0.02
+    assert math.degrees(arrive(controller).position) == pytest.approx(
+        true_degrees(emulator), abs=0.01
+    )
+    assert controller.poll().alarm is None
+
+
+def test_restart_whose_banner_is_damaged_is_a_lost_position(controller, emulator):
+    controller.move_to(math.radians(50), *FAST)
+    arrive(controller)
+    emulator.machine.banner = "\r\nGrl 1.1h ['$' for hlp]\r\n"
+    emulator.fault('reset')
+    until(lambda: controller.poll().alarm == 'POSITION_LOST')
+
+
+def test_motion_that_differs_from_the_commanded_one_is_a_lost_position(controller, emulator):
+    # the line lost a digit of the feed on its way to the controller
+    queue = emulator.machine.axis.queue_move
+    emulator.machine.axis.queue_move = lambda x, relative, feed: queue(x, relative, feed / 10)
+    start = time.monotonic()
+    controller.move_to(2.0, 0.5, 2 * math.pi)
+    until(lambda: controller.poll().alarm == 'POSITION_LOST')
+    assert time.monotonic() - start < 2.0
+
+
+def test_acceleration_that_arrived_damaged_is_refused(controller, emulator):
+    change = emulator.machine._change_setting
+    emulator.machine._change_setting = lambda number, value: change(number, value / 10)
+    with pytest.raises(ControllerRefusedError, match=r'reads back 18\.000'):
+        controller.move_to(0.1, 1.0, math.pi)
+
+
+@pytest.mark.parametrize('target', [0.5, -2.0])
+def test_controller_that_reports_inches_is_understood(emulator, tmp_path, target):
+    emulator.machine.settings[13] = 1
+    controller = GrblController(GrblSettings(port=str(tmp_path / 'controller')))
+    controller.open()
+    controller.move_to(target, *FAST)
+    arrive(controller)
+    time.sleep(0.6)
+    state = controller.poll()
+    assert (state.alarm, state.reported) == (None, pytest.approx(target, abs=1e-4))
+    assert math.radians(true_degrees(emulator)) == pytest.approx(target, abs=1e-4)
+    controller.close()
+
+
+def test_reports_that_contradict_the_unit_setting_are_refused(emulator, tmp_path, monkeypatch):
+    monkeypatch.setattr('ivfmc_ros.devices.grbl.handshake.START_TIMEOUT', 0.5)
+    emulator.machine.settings[13] = 1
+    line = ReportFormatter.status_line
+    monkeypatch.setattr(
+        ReportFormatter, 'status_line', lambda self, **v: line(self, **{**v, 'inches': False})
+    )
+    controller = GrblController(GrblSettings(port=str(tmp_path / 'controller')))
+    with pytest.raises(ControllerRefusedError, match=r'\$13=1.*MPos'):
+        controller.open()
+
+
+@pytest.mark.parametrize(
+    ('banner', 'error', 'said'),
+    [
+        ("Grbl 0.9j ['$' for help]\r\n", ControllerRefusedError, 'runs GRBL 0.9j'),
+        ('start\r\necho:Marlin 2.1\r\n', ControllerLostError, "'start', 'echo:Marlin 2.1'"),
+        ('\x80\x81\x82', ControllerLostError, 'baud rate'),
+        ('', ControllerLostError, 'nothing was received'),
+    ],
+)
+def test_controller_of_another_protocol_is_named(
+    emulator, tmp_path, monkeypatch, banner, error, said
+):
+    monkeypatch.setattr('ivfmc_ros.devices.grbl.handshake.START_TIMEOUT', 0.3)
+    monkeypatch.setattr('ivfmc_ros.devices.grbl.handshake._AUTO_RESET_TIMEOUT', 0.5)
+    machine = emulator.machine
+    machine._send_banner = lambda now: machine._tx.extend(banner.encode('latin-1'))
+    machine._report_status = lambda now: None
+    controller = GrblController(GrblSettings(port=str(tmp_path / 'controller')))
+    with pytest.raises(error, match=re.escape(said)):
+        controller.open()
+
+
+def test_controller_that_restarts_while_it_is_connected_is_lost_or_connected(emulator, tmp_path):
+    controller = GrblController(GrblSettings(port=str(tmp_path / 'controller')))
+    restarted = []
+
+    def restart_once(command, now, execute=emulator.machine._execute_system_command):
+        execute(command, now)
+        if command == '$' and not restarted:
+            restarted.append(True)
+            time.sleep(0.4)
+            emulator.machine.power_on(time.monotonic())
+
+    emulator.machine._execute_system_command = restart_once
+    with pytest.raises(ControllerAlarmError, match='restarted'):
+        controller.open()
+    assert controller.poll().alarm == 'CONTROLLER_LOST'
+    controller.clear_alarm()
+    assert controller.poll().alarm is None
+    controller.close()

@@ -25,6 +25,7 @@ def test_controller_that_starts_each_turn_at_zero_is_unwrapped():
     position = 0.0
     for true in range(0, 2000, 50):
         position = units.unwrap(true % 360, position)
+        units.set_turns(true % 360, position)
         assert position == true
     assert units.to_controller(position) == 1950 % 360
 
@@ -32,4 +33,7 @@ def test_controller_that_starts_each_turn_at_zero_is_unwrapped():
 def test_controller_that_restarts_at_zero_keeps_the_turns():
     units = AxisUnits('X', 360.0)
     assert units.unwrap(0.0, 725.0) == 720.0
+    # a position that no second report confirmed does not count
+    assert units.to_controller(730.0) == 730.0
+    units.set_turns(0.0, 720.0)
     assert units.to_controller(730.0) == 10.0
