@@ -15,6 +15,9 @@ from ivfmc_ros.validation import require_in_range
 
 Clock = Callable[[], float]
 
+# Seconds after an interruption in which a request that begins again is the old one.
+_RELEASE_TIME = 2.0
+
 
 @dataclass(frozen=True, kw_only=True)
 class BeamSettings:
@@ -72,6 +75,7 @@ class BeamInterlock:
         self._held: str | None = None
         self._held_at = -math.inf
         self._blocked: str | None = None  # stays off after a stop until it is released
+        self._interrupted_at = -math.inf  # when its end stopped a moving table
         self._manual: str | None = None
         self._manual_until = -math.inf
         self._permitted_at = -math.inf
@@ -89,7 +93,9 @@ class BeamInterlock:
         """
         with self._lock:
             known = name in self._lasers
-            if not self.hold_active or name != self._blocked:
+            quiet = max(self._held_at, self._interrupted_at + _RELEASE_TIME)
+            released = self._clock() - quiet > self.settings.hold_timeout
+            if released or name != self._blocked:
                 self._blocked = None
             self._held_at, self._held = self._clock(), name if known else None
             self._manual = None
@@ -137,6 +143,17 @@ class BeamInterlock:
         with self._lock:
             self._manual = None
             self._blocked = self._held if self.hold_active else None
+
+    def interrupt(self) -> None:
+        """
+        Keep the requested laser off after its end stopped a moving table.
+
+        The laser would shine on a standing table if its request began again. It is released by a
+        request of none or of another laser, or when nothing was requested for some time.
+        """
+        with self._lock:
+            self._manual = None
+            self._blocked, self._interrupted_at = self._held, self._clock()
 
     def decide(self) -> Beam:
         """Return which laser should be on now."""

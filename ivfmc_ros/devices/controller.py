@@ -17,6 +17,13 @@ CONNECTING = 'CONNECTING'  # the port is open, the controller has not started ye
 POSITION_LOST = 'POSITION_LOST'  # the controller restarted, or stopped short of its target
 
 
+def fault_code(alarm: str | None) -> str:
+    """Return the code of ``ivfmc_ros.codes`` for an alarm; '' for none, and while connecting."""
+    if alarm is None or alarm == CONNECTING:
+        return ''
+    return alarm if alarm in (CONTROLLER_LOST, POSITION_LOST) else 'CONTROLLER_ALARM'
+
+
 @dataclass(frozen=True, kw_only=True)
 class ControllerState:
     """

@@ -227,6 +227,12 @@ class TurntableDriver:
                 self._wanted_laser = beam.laser
                 self._laser_wanted.notify_all()
             if self._must_stop(beam, state) and now >= retry_at:
+                if state.alarm is None:
+                    self._interlock.interrupt()
+                    self.rejection = (
+                        f'the table was stopped in a move, because its laser had to go off: '
+                        f'{beam.reason}'
+                    )
                 retry_at = now + (0.0 if self._emergency_stop() else _RETRY_PERIOD)
 
     @staticmethod

@@ -145,6 +145,30 @@ def test_stopped_laser_stays_off_until_its_hold_ends(clock):
     assert lock.decide().laser == 'left'
 
 
+def test_interrupted_laser_stays_off_when_its_hold_begins_again(clock):
+    lock = interlock(clock)
+    lock.hold('left')
+    clock.now += 1.3
+    lock.interrupt()
+    for _ in range(50):
+        lock.hold('left')
+        assert lock.decide().laser is None
+        clock.now += 0.1
+    lock.hold('')
+    lock.hold('left')
+    assert lock.decide().laser == 'left'
+
+
+def test_interrupted_laser_is_released_by_silence(clock):
+    lock = interlock(clock)
+    lock.hold('left')
+    clock.now += 1.3
+    lock.interrupt()
+    clock.now += 2.6
+    lock.hold('left')
+    assert lock.decide().laser == 'left'
+
+
 @pytest.mark.parametrize(
     'wrong', [{'hold_timeout': 0.0}, {'hold_timeout': float('nan')}, {'limit': -1.0}]
 )

@@ -65,6 +65,23 @@ def test_held_laser_stays_on_during_a_move(driver):
     assert driver.state().lasers['left']
 
 
+def test_laser_whose_hold_was_interrupted_does_not_shine_on_a_standing_table(driver):
+    turn_on(driver, 'left')
+    driver.command(20.0, 40.0)
+    until(lambda: driver.hold('left') or driver.state().moving)
+    # the node hangs, and its watchdog turns the laser off
+    until(lambda: not any(driver.state().lasers.values()))
+    until(lambda: not driver.state().moving)
+    end = time.monotonic() + 0.7
+    while time.monotonic() < end:
+        driver.hold('left')
+        assert not any(driver.state().lasers.values())
+        time.sleep(0.02)
+    assert 'stopped in a move' in driver.rejection
+    driver.hold('')
+    turn_on(driver, 'left')
+
+
 def test_command_that_is_not_finite_is_refused(driver):
     with pytest.raises(ParameterError, match='must be finite'):
         driver.command(float('nan'), 0.0)

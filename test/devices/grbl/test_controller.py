@@ -468,6 +468,8 @@ def test_settings_that_differ_in_every_listing_are_refused(emulator, tmp_path):
 def test_position_that_lost_a_byte_moves_nothing(controller, emulator):
     controller.move_to(math.radians(123), *FAST)
     arrive(controller)
+    # until the standstill was reported, too
+    time.sleep(0.6)
     seen = []
     lose_bytes(emulator, rb'MPos:123.000', b'MPos:13.000')
     end = time.monotonic() + 0.8
@@ -506,6 +508,7 @@ def test_joined_lines_are_not_read_as_one(controller, emulator):
 def test_restart_whose_banner_is_damaged_is_a_lost_position(controller, emulator):
     controller.move_to(math.radians(50), *FAST)
     arrive(controller)
+    time.sleep(0.6)
     emulator.machine.banner = "\r\nGrl 1.1h ['$' for hlp]\r\n"
     emulator.fault('reset')
     until(lambda: controller.poll().alarm == 'POSITION_LOST')
