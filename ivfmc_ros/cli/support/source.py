@@ -150,15 +150,14 @@ def read_scan(
     if cell_path is None and not cell_file.is_file():
         raise ParameterError('--cell cell.yaml is needed: there is none beside the bag')
     draft = load_draft(cell_file)
-    joint = {} if draft.turntable is None else {'joint': draft.turntable.joint}
     scan = open_scan(
         path,
+        joint=draft.turntable.joint if draft.turntable else 'turntable_joint',
         lasers=[laser.name for laser in draft.lasers],
         camera=None if camera_path is None else load_camera(camera_path),
         topics=options.roles,
         dark=bool(load_parameters(folder).get('dark_frames')),
         salvage=options.salvage,
-        **joint,
     )
     _warn(scan.remarks)
     return scan, draft.complete(scan.camera, str(cell_file))

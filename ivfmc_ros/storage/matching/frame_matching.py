@@ -254,7 +254,8 @@ class FrameMatcher:
         needed_ns = end_ns if settings.motion == 'step' else stamp_ns
         table, lasers = self._joint_history.stamps_ns, self._laser_history.stamps_ns
         since_s = -math.inf
-        if not table or not table[0] <= stamp_ns or table[-1] < needed_ns:
+        is_known = bool(table) and self._joint_history.confirmed_ns >= needed_ns
+        if not is_known or not table[0] <= stamp_ns:
             since_s = _last_received_s(image, table, self._table_received_s)
         if not settings.always_on and (not lasers or lasers[-1] < end_ns):
             since_s = max(since_s, _last_received_s(image, lasers, self._lasers_received_s))
@@ -265,6 +266,8 @@ class FrameMatcher:
         laser, reason = self._laser_during(image)
         if not self._joint_history.covers(stamp_ns):
             reason = 'no angle'
+        elif fault := self._joint_history.fault_at(stamp_ns):
+            reason = fault
         elif laser is not None and settings.view_of(laser) < 0:
             reason = 'laser not measured'
         elif not reason and settings.motion == 'step':

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from dataclasses import replace
 import heapq
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from ivfmc_ros.cell.camera import Camera
@@ -39,6 +40,9 @@ from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 from ivfmc_ros.storage.messages.profile_header import read_profile_header
 from ivfmc_ros.storage.messages.sensor_messages import COMPRESSED_IMAGE
 
+# Seconds by which stamps of images and joint states may differ: more than any delay of one clock.
+MAX_CLOCK_OFFSET_S = 2.0
+
 
 @dataclass(frozen=True, kw_only=True)
 class ScanBag:
@@ -49,6 +53,7 @@ class ScanBag:
     skipped : number of images that are not used, by reason
     damage : description of the damage of a bag that was opened for salvage, or None
     matches : one for each image, by stamp
+    remarks : what was missing, damaged or contradictory and did not prevent reading
     """
 
     path: Path
@@ -58,6 +63,7 @@ class ScanBag:
     bag: Bag
     topics: ScanTopics
     matches: tuple[FrameMatch, ...]
+    remarks: tuple[str, ...] = ()
 
     @property
     def frame_count(self) -> int:
@@ -148,11 +154,13 @@ def open_scan(
     bag = open_bag(path, salvage=salvage)
     scan_topics = find_scan_topics(bag, topics)
     messages = _read_messages(bag, scan_topics)
-    stamps = sorted(messages['image'])
+    stamps = sorted(stamp_ns for stamp_ns, _ in messages['image'])
     where = f'{path}: {scan_topics.joint_states.name}'
-    joint_history = JointHistory.from_messages(messages['joint_states'], joint, where)
+    positions = [message for message, _ in messages['joint_states']]
+    joint_history = JointHistory.from_messages(positions, joint, where)
+    ahead_s = _clock_offset_s(messages)
     if not salvage:
-        _require_angles(joint_history, stamps, where)
+        _require_angles(joint_history, stamps, where, ahead_s)
     matcher = FrameMatcher(
         lasers,
         replace(matching or MatchSettings(dark=dark), always_on=scan_topics.laser_states is None),
@@ -171,6 +179,11 @@ def open_scan(
         bag=bag,
         topics=scan_topics,
         matches=tuple(matches),
+        remarks=(
+            *bag.remarks,
+            *(f'{where}: {remark}' for remark in joint_history.remarks(joint)),
+            *_clock_remark(ahead_s, where),
+        ),
     )
 
 
@@ -189,10 +202,12 @@ def _profile_header(message: Any) -> ProfileHeader | None:
         return None
 
 
-# What is stored of the messages of a role; the whole message by default.
-_REDUCTIONS: Mapping[str, Callable[[Any], Any]] = {
-    'image': cdr.stamp_ns,
-    'profile': _profile_header,
+# What is stored of the messages of a role; the whole message by default. The time at which a
+# message was recorded is stored beside the stamp where clocks are compared.
+_REDUCTIONS: Mapping[str, Callable[[Any, RawMessage], Any]] = {
+    'image': lambda message, raw: (cdr.stamp_ns(message), raw.log_time_ns),
+    'joint_states': lambda message, raw: (message, raw.log_time_ns),
+    'profile': lambda message, _: _profile_header(message),
 }
 
 
@@ -208,7 +223,7 @@ def _read_messages(bag: Bag, topics: ScanTopics) -> dict[str, list[Any]]:
             continue
         message = decoders[raw.topic](raw)
         reduce = _REDUCTIONS.get(role)
-        messages[role].append(reduce(message) if reduce else message)
+        messages[role].append(reduce(message, raw) if reduce else message)
     return messages
 
 
@@ -227,14 +242,44 @@ def _count_skipped(matches: Sequence[FrameMatch], where: str) -> dict[str, int]:
     return dict(skipped)
 
 
-def _require_angles(history: JointHistory, stamps_ns: Sequence[int], where: str) -> None:
+def _clock_offset_s(messages: Mapping[str, list[Any]]) -> float:
+    """Return by how much the stamps of images are ahead of those of joint_states, seconds."""
+    images = [stamp_ns - time_ns for stamp_ns, time_ns in messages['image']]
+    table = [cdr.stamp_ns(message) - time_ns for message, time_ns in messages['joint_states']]
+    if not images or not table:
+        return 0.0
+    return float(median(images) - median(table)) / cdr.NANOSECONDS
+
+
+def _clock_remark(ahead_s: float, where: str) -> tuple[str, ...]:
+    if abs(ahead_s) <= MAX_CLOCK_OFFSET_S:
+        return ()
+    return (f'{where}: {_clock_text(ahead_s)}',)
+
+
+def _clock_text(ahead_s: float) -> str:
+    return (
+        f'the stamps of images are {abs(ahead_s):.1f} s {"ahead of" if ahead_s > 0 else "behind"} '
+        'those of the table; synchronize the clocks of the two publishers and record again'
+    )
+
+
+def _require_angles(
+    history: JointHistory, stamps_ns: Sequence[int], where: str, ahead_s: float
+) -> None:
     outside = [stamp for stamp in stamps_ns if not history.covers(stamp)]
-    if outside:
-        raise BagError(
-            f'{where}: {len(outside)} images are outside the reported positions, the first at '
-            f'{_stamp_text(outside[0])}; record joint_states from before the first image to the '
-            'last'
-        )
+    if not outside:
+        return
+    if len(outside) == len(stamps_ns) and abs(ahead_s) <= MAX_CLOCK_OFFSET_S:
+        # a recorder that logs at the stamps hides the offset
+        ahead_s = (stamps_ns[0] - history.stamps_ns[0]) / cdr.NANOSECONDS
+    if abs(ahead_s) > MAX_CLOCK_OFFSET_S:
+        raise BagError(f'{where}: {_clock_text(ahead_s)}')
+    raise BagError(
+        f'{where}: {len(outside)} images are outside the reported positions, the first at '
+        f'{_stamp_text(outside[0])}; record joint_states from before the first image to the '
+        'last'
+    )
 
 
 def _as_recorded(match: FrameMatch, header: ProfileHeader | None) -> FrameMatch:

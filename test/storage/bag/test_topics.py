@@ -1,5 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -59,10 +60,39 @@ def test_old_type_names_are_understood():
     )
 
 
-def test_two_candidates_are_both_named():
-    topics = {**SCAN, '/image_raw/compressed': 'sensor_msgs/msg/CompressedImage'}
-    with pytest.raises(BagError, match='/image_raw and /image_raw/compressed could each be'):
+COMPRESSED = 'sensor_msgs/msg/CompressedImage'
+INFO = SCAN['/camera_info']
+
+
+@pytest.mark.parametrize(('fewer', 'expected'), [
+    ((), '/image_raw'),
+    (('/image_raw/compressed',), '/image_raw'),
+    (('/image_raw',), '/image_raw/compressed'),
+])  # fmt: skip
+def test_image_that_was_recorded_twice_is_read_once(fewer, expected):
+    bag = _bag({**SCAN, '/image_raw/compressed': COMPRESSED})
+    counts = {name: 3 if name in fewer else 40 for name in bag.topics}
+    topics = {name: replace(topic, count=counts[name]) for name, topic in bag.topics.items()}
+    assert find_scan_topics(replace(bag, topics=topics)).image.name == expected
+
+
+def test_two_cameras_are_both_named_with_the_option():
+    topics = {**SCAN, '/left/image_raw': IMAGE, '/left/image_raw/compressed': COMPRESSED}
+    with pytest.raises(BagError, match=r'/image_raw and /left/image_raw could each .* --role im'):
         find_scan_topics(_bag(topics))
+
+
+def test_camera_info_is_that_of_the_chosen_camera():
+    topics = {**SCAN, '/left/image_raw': IMAGE, '/left/camera_info': INFO}
+    for image, info in (('/left/image_raw', '/left/camera_info'), ('/image_raw', '/camera_info')):
+        assert find_scan_topics(_bag(topics), {'image': image}).camera_info.name == info
+
+
+def test_image_mono_is_found_where_there_is_no_image_raw():
+    topics = {**SCAN, '/image_mono': IMAGE}
+    assert find_scan_topics(_bag(topics)).image.name == '/image_raw'
+    del topics['/image_raw']
+    assert find_scan_topics(_bag(topics)).image.name == '/image_mono'
 
 
 def test_topic_without_messages_is_no_candidate():

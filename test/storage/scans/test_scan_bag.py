@@ -300,3 +300,43 @@ def test_large_images_are_read_fast(tmp_path):
     assert sum(1 for _ in scan.frames()) == 10
     # 4 ms per image; the limit is that of a busy machine
     assert time.perf_counter() - begin < 0.5
+
+
+def test_clocks_that_differ_are_named(tmp_path, camera, make_image):
+    with create_bag(tmp_path / 'bag') as bag:
+        bag.camera_info(START, camera)
+        for index in range(5):
+            bag.joint_state(START + index * STEP, 'turntable_joint', 0.1 * index)
+            bag.image(START + index * STEP + 3600 * SECOND, make_image(index))
+    with pytest.raises(BagError, match=r'images are 3600\.0 s ahead of those of the table; syn'):
+        open_scan(tmp_path / 'bag')
+
+
+def test_clocks_that_differ_within_the_recording_are_said(write_mcap, camera, make_image):
+    joints, images = [], []
+    for index in range(20):
+        stamp = START + index * SECOND
+        joints.append(sensor_messages.joint_state(stamp, {'turntable_joint': 0.1 * index}))
+        images.append(sensor_messages.image(stamp + 6 * SECOND, make_image(index)))
+    path = write_mcap(
+        ('/joint_states', sensor_messages.JOINT_STATE, joints),
+        ('/image_raw', sensor_messages.IMAGE, images[:12]),
+        ('/camera_info', sensor_messages.CAMERA_INFO, [sensor_messages.camera_info(0, camera)]),
+    )
+    [remark] = open_scan(path).remarks
+    assert 'images are 6.0 s ahead of those of the table' in remark
+
+
+def test_stray_positions_are_said(tmp_path, camera, make_image):
+    with create_bag(tmp_path / 'bag') as bag:
+        bag.camera_info(START, camera)
+        for index in range(100):
+            stamp = START + index * STEP // 5
+            stray = index in (50, 70)
+            bag.joint_state(stamp, 'turntable_joint', 0.0 if stray else 0.02 * index)
+            if index % 5 == 0:
+                bag.image(stamp, make_image(index))
+    scan = open_scan(tmp_path / 'bag')
+    assert '2 positions of joint' in scan.remarks[0]
+    angles = [frame.angle for frame in scan.frames()]
+    np.testing.assert_allclose(angles, 0.1 * np.arange(20), atol=1e-6)
