@@ -22,6 +22,8 @@ from ivfmc_ros.progress import Progress
 # short job that fails prints its error only.
 LINE_INTERVAL = 5.0
 QUIET_START = 2.0
+# Seconds after which a line is repeated although it says the same: the job is alive.
+REPEAT_INTERVAL = 30.0
 
 
 @contextmanager
@@ -55,7 +57,7 @@ class ProgressLines:
 
     def __init__(self, stream: Console) -> None:
         self._stream = stream
-        self._stage = ''
+        self._stage = self._text = ''
         self._begin = time.monotonic()
         self._due = 0.0
 
@@ -68,5 +70,7 @@ class ProgressLines:
         now = time.monotonic()
         if now < self._begin + QUIET_START or (stage == self._stage and now < self._due):
             return
-        self._stage, self._due = stage, now + LINE_INTERVAL
+        if text == self._text and now < self._due - LINE_INTERVAL + REPEAT_INTERVAL:
+            return
+        self._stage, self._text, self._due = stage, text, now + LINE_INTERVAL
         self._stream.print(text)

@@ -53,6 +53,14 @@ def test_progress_off_a_terminal_is_a_line_every_few_seconds(capsys, clock):
     ]
 
 
+def test_progress_that_does_not_change_is_repeated_seldom(capsys, clock):
+    with progress.progress_bars() as show:
+        for second in range(60):
+            clock[0] = float(second)
+            show('meshing', 0, 1)
+    assert capsys.readouterr().err.splitlines() == 2 * ['meshing: 0 of 1']
+
+
 def test_a_short_job_prints_no_progress_off_a_terminal(capsys, clock):
     with progress.progress_bars() as show:
         show('pictures', 1, 2)
