@@ -56,10 +56,8 @@ def save_angles(path: Path, angles: Mapping[str, float]) -> None:
 
 def _read(path: Path) -> dict[str, object]:
     try:
-        document = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise FileError(f'{path}: cannot be read: {error.strerror or error}') from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        document = yaml.safe_load(files.read_bytes(path))
+    except yaml.YAMLError as error:
         raise FileError(f'{path}: is not YAML: {error}') from error
     if not isinstance(document, dict):
         raise FileError(f'{path}: must be a mapping with the keys version and angles')

@@ -1,15 +1,24 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Atomic writing of files and folders: complete under their name, or absent."""
+"""
+Files and folders: atomic writing, complete under their name or absent; reading that never blocks.
+
+Also the check that a folder that a client names lies where it may.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 import os
 from pathlib import Path
 import shutil
+import stat
 import tempfile
 
 from ivfmc_ros.errors import FileError
+from ivfmc_ros.errors import ParameterError
+
+# Largest file that is read as a whole, bytes: settings and calibrations are a few kB.
+MAX_TEXT_BYTES = 16 * 1024 * 1024
 
 
 def _read_umask() -> int:
@@ -101,3 +110,64 @@ def write_text(path: Path, text: str) -> None:
     """
     with atomic_file(path) as temporary:
         temporary.write_text(text, encoding='utf-8')
+
+
+def read_bytes(path: Path, max_bytes: int = MAX_TEXT_BYTES) -> bytes:
+    """
+    Read a regular file as a whole.
+
+    The path may come from a parameter: a FIFO, a device or a socket is refused without waiting
+    for its other end, and a file larger than ``max_bytes`` is refused unread.
+
+    :raises FileError: it cannot be read, is no regular file, or is larger
+    """
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        with os.fdopen(handle, 'rb') as stream:
+            status = os.fstat(stream.fileno())
+            if not stat.S_ISREG(status.st_mode):
+                raise FileError(f'{path}: is no regular file')
+            data = b'' if status.st_size > max_bytes else stream.read(max_bytes + 1)
+    except OSError as error:
+        raise FileError(f'{path}: cannot be read: {error.strerror or error}') from error
+    except ValueError as error:  # a path with a NUL character
+        raise FileError(f'{str(path)!r}: is no path: {error}') from error
+    size = max(status.st_size, len(data))
+    if size > max_bytes:
+        raise FileError(f'{path}: has {size} bytes; at most {max_bytes} are read')
+    return data
+
+
+def make_folder(path: Path) -> None:
+    """
+    Make a folder and its parents where they do not exist.
+
+    :raises FileError: it cannot be made
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(f'{path}: cannot be made: {error.strerror or error}') from error
+
+
+def folder_below(root: Path, folder: str, name: str) -> Path:
+    """
+    Return the absolute path of a folder that a client named, which must lie below ``root``.
+
+    Links are followed, on both sides; the folder need not exist.
+
+    folder : absolute, or relative to ``root``
+    name : of the parameter that has it; begins the message
+    :raises ParameterError: it is ``root`` itself or lies elsewhere
+    """
+    try:
+        top = root.expanduser().resolve()
+        found = (top / folder).resolve()
+    except (OSError, RuntimeError, ValueError) as error:
+        raise ParameterError(f'{name}: {folder!r} is no folder: {error}') from error
+    if top not in found.parents:
+        raise ParameterError(
+            f'{name}: {folder!r} is not below {top}; the parameter scan_root of the node, set at '
+            'its start, names the folder of all scans'
+        )
+    return found

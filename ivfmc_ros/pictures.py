@@ -9,8 +9,13 @@ from typing import cast
 import cv2
 import numpy as np
 
+from ivfmc_ros import files
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.model import Image
+
+# Largest picture file, bytes: an uncompressed one of 16 megapixels, 16 bits and three colors
+# has 96 MiB.
+_MAX_BYTES = 512 * 1024 * 1024
 
 SUFFIXES = ('.jpg', '.jpeg', '.png', '.bmp', '.tif', '.tiff')
 
@@ -56,11 +61,8 @@ def _is_picture(path: Path) -> bool:
 
 
 def read_bytes(path: Path) -> bytes:
-    """:raises FileError: the file cannot be read."""
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise FileError(f'{path}: cannot be read: {error.strerror or error}') from error
+    """:raises FileError: the file cannot be read, is no regular file, or is too large."""
+    return files.read_bytes(path, _MAX_BYTES)
 
 
 def read_picture(path: Path) -> Image:

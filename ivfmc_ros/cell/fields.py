@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 import yaml
 
+from ivfmc_ros import files
 from ivfmc_ros.errors import CellError
+from ivfmc_ros.errors import FileError
 from ivfmc_ros.model import Floats
 
 
@@ -35,10 +37,10 @@ class YamlMapping:
         :raises CellError: the file cannot be read, is not YAML, or is no mapping
         """
         try:
-            values = yaml.safe_load(path.read_text(encoding='utf-8'))
-        except OSError as error:
-            raise CellError(f'{path}: cannot be read: {error.strerror}') from error
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            values = yaml.safe_load(files.read_bytes(path))
+        except FileError as error:
+            raise CellError(str(error)) from error
+        except yaml.YAMLError as error:
             raise CellError(f'{path}: is not YAML: {error}') from error
         return cls.of(str(path), values)
 

@@ -3,10 +3,13 @@
 """``ivfmc replay``: publishes the inputs of a bag to the nodes, then registers and meshes."""
 
 from collections.abc import Collection
+from collections.abc import Iterable
 from collections.abc import Iterator
 from collections.abc import Sequence
+import contextlib
 from contextlib import contextmanager
 from pathlib import Path
+import shutil
 import time
 from typing import Any
 
@@ -149,20 +152,41 @@ def _prepare(client: CellClient, roles: ScanTopics, motion: str | None, dark: bo
 
 
 def _build(client: CellClient, output: Path | None, profiles: int) -> list[str]:
-    """Register and mesh, and return the lines to print."""
-    if output is not None:
-        try:
-            output.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise FileError(f'{output}: cannot be made: {error.strerror or error}') from error
-    client.set_parameters(
-        'mesher', {'scan_folder': '' if output is None else str(output.absolute())}
-    )
+    """Register and mesh, move the mesh files to ``output``, and return the lines to print."""
+    # a node writes below its scan_root only
+    folder = '' if output is None else f'.replay_{time.time_ns()}'
+    client.set_parameters('mesher', {'scan_folder': folder})
     client.set_parameters('registrar', {'expected': profiles})
-    registered = client.trigger('registrar/register', _REGISTER_S)
-    built = client.trigger('mesher/build', _REGISTER_S)
+    try:
+        registered = client.trigger('registrar/register', _REGISTER_S)
+        built = client.trigger('mesher/build', _REGISTER_S)
+    finally:
+        client.set_parameters('mesher', {'scan_folder': ''})
+    if output is not None:
+        _move(built['paths'].values(), output)
     lines = [f'{key}: {value}' for key, value in registered.items() if _short(key, value)]
     return lines + [f'{key}: {value}' for key, value in built.items() if _short(key, value)]
+
+
+def _move(paths: Iterable[str], output: Path) -> None:
+    """
+    Move the files that the mesher wrote to a new folder, and remove theirs.
+
+    :raises FileError: they are not on this computer, or the folder cannot be made
+    """
+    sources = [Path(path) for path in paths]
+    with files.atomic_folder(output) as folder:
+        for path in sources:
+            try:
+                shutil.move(path, folder / path.name)
+            except OSError as error:
+                raise FileError(
+                    f'{path}: written by the mesher, cannot be moved to {output}: '
+                    f'{error.strerror or error}'
+                ) from error
+    for parent in {path.parent for path in sources}:
+        with contextlib.suppress(OSError):
+            parent.rmdir()
 
 
 def _short(key: str, value: Any) -> bool:

@@ -9,6 +9,7 @@ publishes a decimated mesh on ``mesh`` and ``mesh_shape`` for display.
 
 from collections.abc import Callable
 from collections.abc import Mapping
+from pathlib import Path
 import sys
 from typing import Any
 
@@ -20,6 +21,7 @@ from visualization_msgs.msg import Marker
 
 from ivfmc_ros.errors import BusyError
 from ivfmc_ros.errors import NotReadyError
+from ivfmc_ros.files import folder_below
 from ivfmc_ros.meshing.io.export import FORMATS
 from ivfmc_ros.meshing.io.export import require_formats
 from ivfmc_ros.model import View
@@ -64,7 +66,14 @@ class Mesher(CellNode):
 
     def _declare_parameters(self) -> Callable[[], Settings]:
         self.parameter('scan_id', '', 'Id of the scan; a new one discards the views.')
-        self.parameter('scan_folder', '', 'Folder of the mesh files; empty: no files.')
+        self.parameter(
+            'scan_root', 'scans', 'Folder of all scans; scan_folder is below it.', read_only=True
+        )
+        self.parameter(
+            'scan_folder',
+            '',
+            'Folder of the mesh files, below scan_root or relative to it; empty: no files.',
+        )
         self.parameter(
             'formats', ['stl', 'ply'], f'Formats of the mesh files, some of {", ".join(FORMATS)}.'
         )
@@ -76,7 +85,20 @@ class Mesher(CellNode):
             high=1_000_000,
         )
         self.check(_require_formats)
+        self.check(self._require_scan_folder)
         return self.settings(Settings(), only=('mesh.', 'export_unit'))
+
+    def _require_scan_folder(self, values: Mapping[str, Any]) -> None:
+        """:raises ParameterError: the folder is not below ``scan_root``."""
+        if values.get('scan_folder'):
+            folder_below(Path(values['scan_root']), values['scan_folder'], 'scan_folder')
+
+    def _folder(self) -> str:
+        """Return the folder of the mesh files, '' for none."""
+        folder = self.get('scan_folder')
+        # again: a link may have been made since the parameter was set
+        root = Path(self.get('scan_root'))
+        return str(folder_below(root, folder, 'scan_folder')) if folder else ''
 
     def stop(self) -> None:
         """End the worker."""
@@ -117,7 +139,7 @@ class Mesher(CellNode):
                 views,
                 to_poses(message, views, 'view_poses'),
                 settings,
-                self.get('scan_folder'),
+                self._folder(),
                 self.get('formats'),
                 self.get('display_triangles'),
             )

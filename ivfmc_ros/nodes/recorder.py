@@ -7,6 +7,7 @@ Messages are written as received, without deserialization; only profiles are des
 their catalogue rows. ``recorded`` publishes the number of the last profile that is on disk.
 """
 
+from collections.abc import Mapping
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -30,6 +31,7 @@ from ivfmc_ros.errors import BusyError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.errors import StateError
+from ivfmc_ros.files import folder_below
 from ivfmc_ros.nodes.framework import qos
 from ivfmc_ros.nodes.framework.adaptive_subscription import AdaptiveSubscription
 from ivfmc_ros.nodes.framework.base import CellNode
@@ -73,7 +75,13 @@ class Recorder(CellNode):
         super().__init__('recorder')
         self.parameter('scan_id', '', 'Id of the scan, for the catalogue.')
         self.parameter(
-            'scan_folder', '', 'Folder of the scan; the catalogue is in its parent folder.'
+            'scan_root', 'scans', 'Folder of all scans; scan_folder is below it.', read_only=True
+        )
+        self.parameter(
+            'scan_folder',
+            '',
+            'Folder of the scan, below scan_root or relative to it; the catalogue is in its '
+            'parent folder.',
         )
         self.parameter(
             'topics',
@@ -104,6 +112,7 @@ class Recorder(CellNode):
             low=0.0,
             high=3600.0,
         )
+        self.check(self._require_scan_folder)
         self._recorder: LiveRecorder | None = None
         self._orchestrator_heard_s: float | None = None
         self._catalogue_writer: CatalogueWriter | None = None
@@ -148,6 +157,11 @@ class Recorder(CellNode):
             waiting=recorder.queued_bytes,
         )
 
+    def _require_scan_folder(self, values: Mapping[str, Any]) -> None:
+        """:raises ParameterError: the folder is not below ``scan_root``."""
+        if values.get('scan_folder'):
+            folder_below(Path(values['scan_root']), values['scan_folder'], 'scan_folder')
+
     def _subscribe(self, name: str) -> Any:
         if name not in TYPES:
             known = ', '.join(TYPES)
@@ -178,6 +192,8 @@ class Recorder(CellNode):
         folder, scan_id = self.get('scan_folder'), self.get('scan_id')
         if not folder or not scan_id:
             raise ParameterError('recorder: scan_folder and scan_id must be set before start')
+        # again: a link may have been made since the parameter was set
+        folder = str(folder_below(Path(self.get('scan_root')), folder, 'scan_folder'))
         self._published = self._orchestrator_heard_s = None
         for kind, subject in (
             (_DROPPED, 'bag'),

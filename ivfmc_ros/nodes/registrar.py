@@ -67,7 +67,7 @@ class Registrar(CellNode):
         self.parameter(
             'merge', [], 'Ids of the scans that the service merge registers together.', kind=str
         )
-        self.parameter('scan_root', 'scans', 'Folder of the scans, for merge.')
+        self.parameter('scan_root', 'scans', 'Folder of the scans, for merge.', read_only=True)
         self._settings = self.settings(
             Settings(),
             ranges={'island_least': (1, 1_000_000)},

@@ -147,7 +147,7 @@ def triangulated(folder: Path, recorded: bool = False) -> list[Trial]:
         profiles = client.collect(PointCloud2, 'profile')
         with (
             running('triangulator', **parameters),
-            running('recorder') if recorded else nullcontext(),
+            running('recorder', scan_root=str(folder)) if recorded else nullcontext(),
             part('source', folder / 'frames.npy', 'turning') as source,
         ):
             client.until(lambda: client.node.count_subscribers('image_raw') > recorded, 20.0)

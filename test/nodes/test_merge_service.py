@@ -75,9 +75,10 @@ def test_stored_scans_are_merged_published_and_meshed_as_offline(client, root, t
     views = client.collect(PointCloud2, 'view')
     poses = client.collect(PoseArray, 'view_poses')
     files = {'cell': str(root / 'up' / 'cell.yaml'), 'camera': str(root / 'up' / 'camera.yaml')}
+    folders = {'scan_root': str(tmp_path.parent), 'scan_folder': str(tmp_path)}
     with (
         running('registrar', scan_root=str(root), merge=['up', 'down']),
-        running('mesher', **files, scan_folder=str(tmp_path), formats=['ply']),
+        running('mesher', **files, **folders, formats=['ply']),
     ):
         client.until(lambda: client.node.count_publishers('view') == 1)
         client.until(lambda: client.node.count_subscribers('view_poses') == 2)

@@ -30,8 +30,8 @@ def client():
 
 
 @pytest.fixture(scope='module')
-def node():
-    with running('recorder') as node:
+def node(tmp_path_factory):
+    with running('recorder', scan_root=str(tmp_path_factory.getbasetemp())) as node:
         yield node
 
 
@@ -138,6 +138,14 @@ def test_start_without_a_folder_is_refused(client, recorder):
     client.set('recorder', scan_id='', scan_folder='')
     success, answer = client.trigger('recorder/start')
     assert (success, answer['code']) == (False, 'BAD_PARAMETER')
+
+
+@pytest.mark.parametrize('folder', ['/tmp/elsewhere', '../elsewhere', '.'])
+def test_folder_outside_of_the_scan_root_is_refused(client, recorder, folder):
+    answer = client.set('recorder', scan_folder=folder)
+    assert not answer.successful
+    assert 'is not below' in answer.reason
+    assert 'scan_root' in answer.reason
 
 
 def test_second_start_is_refused(client, scan):

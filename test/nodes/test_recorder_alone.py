@@ -10,7 +10,7 @@ from ivfmc_ros.storage.bag.reader import open_bag
 
 
 def test_bag_is_complete_when_the_node_ends(client, tmp_path):
-    node = NodeProcess('recorder')
+    node = NodeProcess('recorder', scan_root=str(tmp_path.parent))
     client.set('recorder', scan_id='s1', scan_folder=str(tmp_path))
     assert client.trigger('recorder/start')[0]
     assert node.end() == 0, node.output
@@ -25,7 +25,7 @@ def test_unknown_topic_is_refused_at_the_start():
 
 
 def test_compressed_pictures_are_recorded_when_asked_for(client, tmp_path):
-    with running('recorder', topics=['image_raw/compressed']):
+    with running('recorder', scan_root=str(tmp_path), topics=['image_raw/compressed']):
         (tmp_path / 's1').mkdir()
         client.set('recorder', scan_id='s1', scan_folder=str(tmp_path / 's1'))
         images = client.publisher(CompressedImage, 'image_raw/compressed')

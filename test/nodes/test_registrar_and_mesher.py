@@ -55,7 +55,8 @@ def test_live_views_equal_those_of_the_pipeline_and_become_a_mesh(
     markers = client.collect(Marker, 'mesh')
     shapes = client.collect(MeshMessage, 'mesh_shape')
     files = {'cell': str(cell_file), 'camera': str(camera_file)}
-    with running('registrar', **files), running('mesher', **files, display_triangles=500):
+    root = {'scan_root': str(tmp_path.parent), 'display_triangles': 500}
+    with running('registrar', **files), running('mesher', **files, **root):
         client.until(lambda: client.node.count_subscribers('view_poses') == 2)
         assert client.set('mesher', scan_folder=str(tmp_path)).successful
         publish(client, profiles)
@@ -215,7 +216,8 @@ def test_new_scan_ends_the_work_for_the_last_one(
 ):
     views = client.collect(PointCloud2, 'view')
     files = {'cell': str(cell_file), 'camera': str(camera_file)}
-    with running('registrar', **files), running('mesher', **files):
+    root = str(tmp_path.parent)
+    with running('registrar', **files), running('mesher', **files, scan_root=root):
         client.until(lambda: client.node.count_subscribers('view_poses') == 1)
         for scan in ('before', 'now'):
             assert client.set('registrar', scan_id=scan).successful
@@ -256,6 +258,10 @@ def test_invalid_parameters_are_rejected_by_name(client):
             ('mesher', 'export_unit', 'yard'),
             ('mesher', 'formats', ['step']),
             ('mesher', 'display_triangles', 5),
+            ('mesher', 'scan_folder', '/tmp'),
+            ('mesher', 'scan_folder', '../elsewhere'),
+            ('mesher', 'scan_root', '/tmp'),
+            ('registrar', 'scan_root', '/tmp'),
         ):
             answer = client.set(node, **{name: value})
             assert not answer.successful

@@ -147,12 +147,13 @@ def command(run: CellRun, node: str) -> list[str]:
 
 def _own(run: CellRun, node: str) -> dict[str, Any]:
     """Return the parameters that follow from where this run is."""
-    cell = str(run.cell.absolute())
+    cell, root = str(run.cell.absolute()), str(run.scans.absolute())
     found: dict[str, dict[str, Any]] = {
         'triangulator': {'cell': cell},
-        'registrar': {'cell': cell},
-        'mesher': {'cell': cell},
-        'orchestrator': {'cell': cell, 'scan_root': str(run.scans.absolute())},
+        'registrar': {'cell': cell, 'scan_root': root},
+        'mesher': {'cell': cell, 'scan_root': root},
+        'recorder': {'scan_root': root},
+        'orchestrator': {'cell': cell, 'scan_root': root},
     }
     table = load_draft(run.cell).turntable
     if table is not None:

@@ -15,6 +15,7 @@ from ivfmc_ros import pipeline
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import NoStripeError
+from ivfmc_ros.files import make_folder
 from ivfmc_ros.inspection.reports.scan_page import mesh_figures
 from ivfmc_ros.meshing.filters.vertex_clustering import cluster_vertices
 from ivfmc_ros.meshing.io import export
@@ -166,6 +167,8 @@ def build(
     with watch.stage('meshing'):
         mesh, used = pipeline.mesh_views(cell, list(views), poses, settings)
     with watch.stage('files'):
+        if folder:
+            make_folder(Path(folder))
         for path in paths.values():
             export.write_mesh(path, mesh, settings.export_unit)
     with watch.stage('display'):
