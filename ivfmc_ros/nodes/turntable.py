@@ -43,6 +43,9 @@ _NO_POSITION = ('CONTROLLER_LOST', _CONNECTING)
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
 # Age in nanoseconds at which a beam_hold is ignored: half a second is the time-out without any.
 _MAX_HOLD_AGE_NS = 1_000_000_000
+# Greatest position that is commanded, radians (1000 turns): numbers beyond are no position, and a
+# controller computes in single precision, which has 0.0005 rad there.
+_MAX_POSITION = 6283.2
 # Object of the conditions of the controller.
 _CONTROLLER = 'motion controller'
 
@@ -340,8 +343,17 @@ def read_trajectory(message: JointTrajectory, joint: str) -> tuple[float, float]
         raise ParameterError(f'joint_trajectory: has {len(point.positions)} positions, not 1')
     if any(velocity != 0.0 for velocity in point.velocities):
         raise ParameterError('joint_trajectory: the final velocity must be 0')
-    start = point.time_from_start
-    return float(point.positions[0]), start.sec + start.nanosec * 1e-9
+    position, start = float(point.positions[0]), point.time_from_start
+    # written so that NaN is refused, too
+    if not abs(position) <= _MAX_POSITION:
+        raise ParameterError(
+            f'joint_trajectory: the position {position} rad is not finite, or beyond '
+            f'{_MAX_POSITION:g} rad'
+        )
+    seconds = start.sec + start.nanosec * 1e-9
+    if seconds < 0.0:
+        raise ParameterError(f'joint_trajectory: time_from_start is negative, {seconds} s')
+    return position, seconds
 
 
 def joint_state(

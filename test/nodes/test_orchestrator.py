@@ -210,12 +210,12 @@ def test_invalid_parameter_is_rejected_by_name(client, orchestrator, name, value
     assert name in result.reason
 
 
-def test_unknown_laser_is_rejected_at_the_start_of_a_scan(client, orchestrator, root):
-    client.set('orchestrator', lasers=['top'])
-    before = listing(root)
-    success, answer = client.trigger('start_scan')
-    assert (success, answer['code']) == (False, 'BAD_PARAMETER')
-    assert listing(root) == before
+def test_unknown_laser_is_refused_to_the_caller_that_sets_it(client, fake, orchestrator):
+    result = client.set('orchestrator', lasers=['top'])
+    assert not result.successful
+    assert "lasers: 'top' is not a laser of" in result.reason
+    # the next caller's scan is as before
+    assert client.trigger('start_scan')[0]
 
 
 @contextmanager

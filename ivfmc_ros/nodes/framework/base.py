@@ -76,6 +76,8 @@ class CellNode(ParameterNode):
         self._activity = ''
         self._values: dict[str, Any] = {}
         self._inputs: list[tuple[str, Received, Callable[[], str], str]] = []
+        # exceptions of callbacks that failed last time, by object and callback
+        self._callback_faults: dict[str, dict[object, Exception]] = {}
         self._started_s = self.steady_s()
         # services may await without blocking timers or each other
         self._services_group = ReentrantCallbackGroup()
@@ -120,21 +122,33 @@ class CellNode(ParameterNode):
         """
         Return ``function`` as a callback whose exceptions become a fault in the diagnostics.
 
-        The fault ends when the function returns again.
+        The fault ends when the function returns again; it ends none of another callback.
 
         name : object of the fault, such as the topic; by default the function's name
         """
         subject = name or getattr(function, '__name__', type(function).__name__).strip('_')
+        guard = object()
+        faults = self._callback_faults.setdefault(subject, {})
 
         def callback(*arguments: Any) -> None:
             try:
                 function(*arguments)
             except Exception as error:  # spin must go on
+                faults[guard] = error
                 self.fault(subject, error)
             else:
-                self.health.clear_fault(subject)
+                if faults.pop(guard, None) is None:
+                    return
+                if faults:
+                    self.fault(subject, next(iter(faults.values())))
+                else:
+                    self.health.clear_fault(subject)
 
         return callback
+
+    def changed(self, function: Callable[[set[str]], None]) -> None:
+        """Call a guarded ``function`` with the names of the parameters that have been set."""
+        super().changed(self.guarded(function, 'parameters'))
 
     def fault(self, subject: str, error: BaseException) -> None:
         """

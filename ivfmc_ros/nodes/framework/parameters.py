@@ -29,6 +29,7 @@ from rclpy.parameter import Parameter
 
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import ScanError
+from ivfmc_ros.nodes.framework.json_response import describe
 
 # Namespace of a cell unless the command line names another.
 NAMESPACE = '/ivfmc'
@@ -196,6 +197,8 @@ class ParameterNode(Node):
                     function(values)
         except ScanError as error:
             return SetParametersResult(successful=False, reason=str(error))
+        except Exception as error:  # the caller would get no answer at all
+            return SetParametersResult(successful=False, reason=describe(error))
         return SetParametersResult(successful=True)
 
     def _require_valid(self, name: str, value: Any) -> None:

@@ -5,8 +5,12 @@
 from collections.abc import Mapping
 from dataclasses import fields
 import math
+from pathlib import Path
 from typing import Any
 
+from ivfmc_ros.cell.cell_file import load_draft
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.errors import ScanError
 from ivfmc_ros.meshing.io.export import FORMATS
 from ivfmc_ros.meshing.io.export import UNITS
 from ivfmc_ros.nodes.framework.base import CellNode
@@ -40,6 +44,9 @@ def declare_scan_parameters(node: CellNode) -> ScanParameters:
     _declare_motion(node)
     _declare_cell(node)
     node.check(_require_request)
+    node.check(
+        lambda values: require_lasers({key: node.get(key) for key in ('cell', 'lasers')}, values)
+    )
     return ScanParameters(node)
 
 
@@ -160,6 +167,35 @@ def _request(values: Mapping[str, Any]) -> ScanRequest:
         # rclpy cannot set an empty list, but a list with one empty string
         known[name] = tuple(item for item in known[name] if item)
     return ScanRequest(**known)
+
+
+def require_lasers(before: Mapping[str, Any], values: Mapping[str, Any]) -> None:
+    """
+    Refuse lasers that the cell does not have, to the caller that sets them.
+
+    A cell.yaml that cannot be read is refused when a scan starts.
+
+    before, values : the parameters ``cell`` and ``lasers`` as they are, and as they would be
+    :raises ParameterError: a laser is not in cell.yaml
+    """
+    if 'lasers' not in values or 'cell' not in values:
+        # declared later, at the start of the node
+        return
+    changed = any(list(values[key]) != list(before[key]) for key in ('lasers', 'cell'))
+    names = [name for name in values['lasers'] if name]
+    if not changed or not names or not values['cell']:
+        return
+    try:
+        draft = load_draft(Path(values['cell']))
+    except ScanError:
+        return
+    known = [laser.name for laser in draft.lasers]
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise ParameterError(
+            f'lasers: {unknown[0]!r} is not a laser of {values["cell"]}, which has '
+            f'{", ".join(known)}; set lasers and cell together'
+        )
 
 
 def _require_request(values: Mapping[str, Any]) -> None:

@@ -28,11 +28,23 @@ class Plain(CellNode):
     def __init__(self):
         super().__init__('plain')
         self.parameter('speed', 1.0, 'Any number.', low=0.0, high=2.0)
+        self.parameter('checked', '', 'Text of which a faulty check or callback raises.')
+        self.check(self.examine)
+        self.changed(self.react)
         self.subscribe(Header, 'poke', self.poke)
+        self.steady_timer(0.05, self.guarded(lambda: None, 'poke'))
         self.trigger('refuse', self.refuse)
         self.trigger('break', lambda: 1 / 0)
         self.trigger('wait', self.wait)
         self.trigger('top', lambda: {'here': True}, private=False)
+
+    def examine(self, values):
+        if values['checked'] == 'check':
+            raise KeyError('examined')
+
+    def react(self, names):
+        if self.get('checked') == 'callback':
+            raise ValueError('reacted')
 
     def poke(self, message):
         if message.frame_id == 'hard':
@@ -120,6 +132,18 @@ def test_callback_that_raises_is_a_fault_until_it_succeeds_again(client, script)
         client.until(lambda: 'poked hard' in client.diagnostic('plain'))
         poke.publish(Header(frame_id='soft'))
         client.until(lambda: 'poked hard' not in client.diagnostic('plain'))
+
+
+def test_parameter_callback_that_raises_leaves_no_caller_without_an_answer(client, script):
+    script(PLAIN)
+    with running('plain'):
+        refused = client.set('plain', checked='check')
+        assert not refused.successful
+        assert "KeyError: 'examined'" in refused.reason
+        assert client.set('plain', checked='callback').successful
+        client.until(lambda: 'ValueError: reacted' in client.diagnostic('plain'))
+        assert client.set('plain', checked='fine').successful
+        client.until(lambda: 'reacted' not in client.diagnostic('plain'))
 
 
 def test_heartbeat_continues_while_a_service_waits(client, script):
