@@ -48,6 +48,7 @@ from ivfmc_ros.registration.views.motion_fit import SweepMotion
 from ivfmc_ros.stopwatch import Stopwatch
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
+from ivfmc_ros.stripe.clipping import Clipping
 from ivfmc_ros.stripe.space_time_stream import create_stream
 from ivfmc_ros.validation import require_in_range
 from ivfmc_ros.validation import require_one_of
@@ -96,6 +97,7 @@ class Reconstruction:
     counts : number of images, points, views and faces per stage
     seconds : duration of each stage
     misfit : distance between the surfaces that the lasers see; None if they share none
+    clipping : how the working volume cuts the part; None if it does not, or without pictures
     refined : self-calibration of the cell; None if it was not requested
     merged : how several scans were merged; None for a single scan
     """
@@ -110,6 +112,7 @@ class Reconstruction:
     counts: dict[str, int]
     seconds: dict[str, float]
     misfit: Misfit | None = None
+    clipping: Clipping | None = None
     refined: RefinementResult | None = None
     merged: Merged | None = None
 
@@ -162,7 +165,10 @@ def reconstruct(
         progress('profiles', len(profiles), max(total, len(profiles)))
     settings = replace(settings, acquisition=acquisition.settings)
     run = _Run(settings=settings, watch=watch, counts=acquisition.counts.as_dict())
-    return _reconstruct(cell, profiles, samples.chosen(), run, progress)
+    chosen = samples.chosen()
+    clipping = acquisition.clipping([frame for frame, _ in chosen])
+    made = _reconstruct(cell, profiles, chosen, run, progress)
+    return replace(made, clipping=clipping)
 
 
 def reconstruct_profiles(

@@ -65,6 +65,8 @@ def write_results(
             'mesh': mesh_figures(made.mesh),
             'residuals': json_report.residuals(cell, made.views, made.verdicts),
         }
+        if made.clipping is not None:
+            document['volume'] = asdict(made.clipping)
         if made.misfit is not None:
             document['lasers'] = asdict(made.misfit)
         if made.refined is not None:

@@ -109,8 +109,9 @@ def say(output: Path, document: Mapping[str, Any]) -> None:
             f'{name} to CAD: rms {figures["rms"] * 1e3:.4f} mm, '
             f'95 % within {figures["p95"] * 1e3:.4f} mm'
         )
-    if advice := document.get('lasers', {}).get('advice'):
-        stdout.print(advice)
+    for subject in ('volume', 'lasers'):
+        if advice := document.get(subject, {}).get('advice'):
+            stdout.print(advice)
     for placed in document.get('merge', [])[1:]:
         stdout.print(
             f'{placed["name"]} placed on {", ".join(placed["onto"])}: {placed["overlap"]:.0%} '

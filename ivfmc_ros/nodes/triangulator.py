@@ -64,6 +64,7 @@ _DEFAULT_JOINT = 'turntable_joint'
 # Kinds of conditions.
 _JUMP = 'stamps jumped back'
 _CLOCKS = 'clocks differ'
+_CLIPPED = 'part cut'
 # Prefixes of the parameters that change how an image is processed.
 _ACQUISITION = ('extract.', 'volume.', 'noise_')
 
@@ -127,6 +128,9 @@ class Triangulator(CellNode):
             self.expect(name, received, text, f'received on {subscription.topic}')
 
     def _change(self, names: set[str]) -> None:
+        if 'scan_id' not in names and any(name.startswith(_ACQUISITION) for name in names):
+            # they have numbers already, and were taken with the settings before
+            self._finish_stream()
         if 'scan_id' in names:
             self._seq = 0
             self._matcher.reset()
@@ -227,6 +231,7 @@ class Triangulator(CellNode):
         try:
             cell = self._source.cell()
             if self._stream is None or self._stream.acquisition.cell is not cell:
+                self._finish_stream()
                 self._require_one_laser(cell)
                 self._stream = StreamAcquisition(self._new_acquisition(cell))
         except NotReadyError:
@@ -237,6 +242,12 @@ class Triangulator(CellNode):
             return None
         self.health.clear_fault('cell')
         return self._stream
+
+    def _finish_stream(self) -> None:
+        """Publish the profiles of the first images, which wait for their common settings."""
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            self._publish(stream.flush())
 
     def _new_acquisition(self, cell: Cell) -> Acquisition:
         """Return an acquisition; reuses the image mask, whose computation takes 0.5 s."""
@@ -297,6 +308,11 @@ class Triangulator(CellNode):
     def before_diagnosis(self) -> None:
         """Publish how many images became profiles, and why the others did not."""
         self._compare_clocks()
+        clipping = self._stream.acquisition.clipping() if self._stream else None
+        if clipping is None:
+            self.health.clear(_CLIPPED, 'volume')
+        else:
+            self.health.set(_CLIPPED, 'volume', Level.WARN, clipping.advice)
         for topic, jumped_s in list(self._jumps_s.items()):
             if self.steady_s() - jumped_s > _JUMP_CONDITION_S:
                 del self._jumps_s[topic]

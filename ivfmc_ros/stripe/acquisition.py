@@ -24,6 +24,10 @@ from ivfmc_ros.stripe import channel
 from ivfmc_ros.stripe import denoise
 from ivfmc_ros.stripe.ambient import noise_of_difference
 from ivfmc_ros.stripe.ambient import subtract_ambient
+from ivfmc_ros.stripe.clipping import Clipping
+from ivfmc_ros.stripe.clipping import connected_extent
+from ivfmc_ros.stripe.clipping import find_cuts
+from ivfmc_ros.stripe.clipping import judge_clipping
 from ivfmc_ros.stripe.estimators import DEFAULT
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
@@ -70,7 +74,11 @@ class AcquisitionSettings:
 
 @dataclass(kw_only=True)
 class AcquisitionCounts:
-    """Counts of the images and stripe points of a scan, and of the points dropped per reason."""
+    """
+    Counts of the images and stripe points of a scan, and of the points dropped per reason.
+
+    cut_radius, cut_top : images whose stripe goes on beyond radius or top of the working volume
+    """
 
     pictures: int = 0
     pictures_without_stripe: int = 0
@@ -78,6 +86,8 @@ class AcquisitionCounts:
     unconfirmed: int = 0
     outside_volume: int = 0
     noise: int = 0
+    cut_radius: int = 0
+    cut_top: int = 0
 
     def as_dict(self) -> dict[str, int]:
         """Return the counts by name."""
@@ -172,12 +182,18 @@ class Acquisition:
             )
         else:
             triangulated = triangulate(self.cell, frame, stripe)
-        inside = np.flatnonzero(settings.volume.contains(triangulated.points_xyz))
+        contained = settings.volume.contains(triangulated.points_xyz)
+        inside = np.flatnonzero(contained)
         points = triangulated.points_xyz[inside]
         clean = denoise.filter_by_neighbor_distance(
             points, settings.noise_distance, settings.noise_least
         )
+        by_radius, by_top = find_cuts(
+            triangulated.points_xyz, contained, settings.volume, settings.noise_distance
+        )
         self.counts.pictures += 1
+        self.counts.cut_radius += by_radius
+        self.counts.cut_top += by_top
         self.counts.pictures_without_stripe += not clean.any()
         self.counts.stripe_points += len(stripe)
         self.counts.unconfirmed += len(stripe) - len(triangulated)
@@ -185,6 +201,26 @@ class Acquisition:
         self.counts.noise += int(np.count_nonzero(~clean))
         profile = denoise.select_points(triangulated, inside[clean])
         return profile if texture is None else with_colors(profile, texture)
+
+    def clipping(self, frames: Sequence[Frame] = ()) -> Clipping | None:
+        """
+        Return how the working volume cuts the part; None if it does not.
+
+        frames : some images of the scan, from which the volume that holds the part is found
+        """
+        counts, volume = self.counts, self.settings.volume
+        found = judge_clipping(counts.pictures, counts.cut_radius, counts.cut_top, volume)
+        if found is None or not frames:
+            return found
+        larger = replace(volume, radius=2.0 * volume.radius, top=2.0 * abs(volume.top))
+        wide = Acquisition(self.cell, replace(self.settings, volume=larger, space_time=0))
+        limit = self.settings.noise_distance
+        extents = [
+            connected_extent(wide.profile(frame).points_xyz, volume, limit) for frame in frames
+        ]
+        return judge_clipping(
+            counts.pictures, counts.cut_radius, counts.cut_top, volume, extents
+        )
 
     def _masked(self, frame: Frame) -> Image:
         """Return the region of interest, transposed so that there is one stripe point per row."""

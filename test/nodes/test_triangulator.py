@@ -44,6 +44,21 @@ def test_every_image_becomes_a_profile_of_the_sphere(client, inputs, cell_file, 
     assert np.sqrt(np.mean(sphere.distance(points) ** 2)) < 1e-4
 
 
+def test_changed_settings_lose_no_image_that_waits_for_its_settings(
+    client, inputs, cell_file, frames
+):
+    found = client.collect(PointCloud2, 'profile')
+    with running('triangulator', cell=str(cell_file), patience=0.1):
+        inputs.wait()
+        feed(inputs, frames[:5])
+        client.until(lambda: '5 pictures' in client.diagnostic('triangulator'))
+        client.until(lambda: 'waiting: 0' in client.diagnostic('triangulator'))
+        assert client.set('triangulator', extract__min_snr=6.0).successful
+        feed(inputs, frames[5:8], first=5)
+        client.until(lambda: len(found) == 8)
+    assert [clouds.to_profile(item, 'profile').seq for item in found] == list(range(8))
+
+
 def test_missing_joint_states_are_reported_until_the_first_is_received(
     client, inputs, cell_file, frames
 ):
