@@ -68,6 +68,26 @@ CODES = {
         'The recorder did not write all profiles to the disk.',
         'Free space or a faster disk; `detail` has the reason of the recorder.',
     ),
+    'INCOMPLETE': Code(
+        'Profiles or angles that the plan asked for are missing; `completeness` has the angles of '
+        'each view. What was taken is kept and meshed.',
+        'Check camera and load of the computer, then scan again.',
+    ),
+    'CLOCK_JUMPED': Code(
+        'A clock that stamps images or joint states was set during the scan.',
+        'Let NTP slew the clocks, or set them before a scan; then scan again.',
+    ),
+    'SLIPPED': Code(
+        'The table or the part slipped: surfaces that were measured twice differ by a rotation. '
+        '`registration.table` has the size and the table angles. What was taken is kept and '
+        'meshed, with a wrong shape.',
+        'Check motor current, acceleration, coupling and clamping, then scan again.',
+    ),
+    'NOT_CONVERGED': Code(
+        'The registration found no poses at which the views agree; `registration.verdicts` has '
+        'the reason for each view.',
+        'Check that the part stands firmly and that the calibration is valid, then scan again.',
+    ),
     'DEGENERATE': Code(
         'The points do not determine the surface, pose or shape.',
         'Scan with finer steps or more views.',
@@ -100,8 +120,13 @@ CODES = {
         'Connect it, then call `turntable/clear_alarm`.',
     ),
     'CONTROLLER_ALARM': Code(
-        'The motion controller is locked or has lost its position.',
+        'The motion controller is locked; `detail` names its alarm.',
         'Call `turntable/home` or `turntable/clear_alarm`.',
+    ),
+    'POSITION_LOST': Code(
+        'The motion controller restarted, or the table is not where its motion should have taken '
+        'it.',
+        'Call `turntable/home` or `turntable/clear_alarm`, then scan again.',
     ),
     'CONTROLLER_REFUSED': Code(
         'The motion controller understood a command and refused it, for example homing that is '
@@ -115,6 +140,10 @@ CODES = {
     'TIMEOUT': Code('Something did not happen before its deadline.', _RETRY),
     'INTERNAL': Code('An error of this software.', 'Report it with the log of the node.'),
     # of the command ivfmc only
+    'ORCHESTRATOR_LOST': Code(
+        'The orchestrator is silent; `ivfmc scan` does not wait for it.',
+        'Start the cell again: the scan is marked as interrupted, and keeps what was taken.',
+    ),
     'NODE_DIED': Code('A process of `ivfmc up` or `ivfmc demo` ended.', _NODE),
     'NOT_STARTED': Code('A process did not come up.', _NODE),
     'NO_ROS': Code(

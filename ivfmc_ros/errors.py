@@ -160,6 +160,12 @@ class TimeoutExceededError(ScanError):
     code = 'TIMEOUT'
 
 
+class ClockJumpError(ScanError):
+    """A clock that stamps messages jumped, so that images and table angles cannot be matched."""
+
+    code = 'CLOCK_JUMPED'
+
+
 class CatalogueError(FileError):
     """The catalogue of scans cannot be read or written, or has no such scan."""
 

@@ -32,12 +32,14 @@ from ivfmc_ros.nodes.framework.adaptive_subscription import AdaptiveSubscription
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.base import run
 from ivfmc_ros.nodes.framework.health import Level
+from ivfmc_ros.nodes.framework.life import HEARTBEAT_S
 from ivfmc_ros.nodes.processing.cell_source import CellSource
 from ivfmc_ros.nodes.processing.stripe_image import StripeImagePublisher
 from ivfmc_ros.nodes.processing.triangulator_parameters import declare
 from ivfmc_ros.nodes.processing.triangulator_parameters import match_settings
 from ivfmc_ros.storage.matching.frame_matching import FrameMatch
 from ivfmc_ros.storage.matching.frame_matching import FrameMatcher
+from ivfmc_ros.storage.matching.image_loss import ImageLoss
 from ivfmc_ros.storage.matching.joint_history import joint_in_message
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
@@ -81,8 +83,12 @@ class Triangulator(CellNode):
         self._acquisition: Acquisition | None = None
         self._acquisition_settings: AcquisitionSettings | None = None
         self._counts: Counter[str] = Counter()
+        self._loss = ImageLoss()
+        self._source.on_camera_info = lambda info: self._loss.add_info(
+            nanoseconds(info.header.stamp)
+        )
         self._seq = 0
-        self._last_profile_s = self.steady_s()
+        self._last_profile_s = self._beat_s = self.steady_s()
         self._working = False
         self._clock_offset_s = 0.0
         # when the stamps of a topic last jumped back, steady clock
@@ -136,6 +142,7 @@ class Triangulator(CellNode):
             self._matcher.reset()
             self._source.reload()
             self._counts.clear()
+            self._loss = ImageLoss()
         # cell.yaml may have changed, with other lasers
         if 'cell' in names or self._matcher.laser_names != tuple(self._laser_names()):
             self._matcher = FrameMatcher(self._laser_names())
@@ -151,6 +158,7 @@ class Triangulator(CellNode):
     def _receive_image(self, message: ImageMessage | CompressedImage) -> None:
         self._counts['pictures'] += 1
         stamp_ns = nanoseconds(message.header.stamp)
+        self._loss.add_image(stamp_ns)
         self._clock_offset_s = self._matcher.ahead_of_table_s(stamp_ns)
         self._matcher.add_image(stamp_ns, message, self.steady_s())
         if len(self._matcher) > self.get('queue'):
@@ -233,7 +241,9 @@ class Triangulator(CellNode):
             if self._stream is None or self._stream.acquisition.cell is not cell:
                 self._finish_stream()
                 self._require_one_laser(cell)
-                self._stream = StreamAcquisition(self._new_acquisition(cell))
+                self._stream = StreamAcquisition(
+                    self._new_acquisition(cell), on_progress=self._show_progress
+                )
         except NotReadyError:
             # a condition of the CellSource
             return None
@@ -242,6 +252,12 @@ class Triangulator(CellNode):
             return None
         self.health.clear_fault('cell')
         return self._stream
+
+    def _show_progress(self) -> None:
+        """Publish a heartbeat while one callback processes many images."""
+        if self.steady_s() - self._beat_s > HEARTBEAT_S:
+            self._beat_s = self.steady_s()
+            self.life.beat()
 
     def _finish_stream(self) -> None:
         """Publish the profiles of the first images, which wait for their common settings."""
@@ -318,8 +334,14 @@ class Triangulator(CellNode):
                 del self._jumps_s[topic]
                 self.health.clear(_JUMP, topic)
         counts = ', '.join(f'{count} {name}' for name, count in self._counts.items() if count)
-        waiting, scan_id = len(self._matcher), self.get('scan_id')
-        self.status('', waiting=waiting, counts=counts, scan_id=scan_id)
+        self.status(
+            '',
+            waiting=len(self._matcher),
+            counts=counts,
+            scan_id=self.get('scan_id'),
+            images_not_received=self._loss.not_received,
+            images_not_taken=self._loss.not_taken,
+        )
 
     def _compare_clocks(self) -> None:
         offset, topic = self._clock_offset_s, self._images.topic

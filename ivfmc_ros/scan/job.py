@@ -8,6 +8,7 @@ services of the graph, a test by plain functions. The sequence imports no ROS an
 """
 
 from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field
 from typing import Any
@@ -15,12 +16,17 @@ from typing import Protocol
 
 from ivfmc_ros.errors import CancelledError
 from ivfmc_ros.errors import ScanError
+from ivfmc_ros.scan.plan import after_position
 from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.plan import Plan
 from ivfmc_ros.scan.plan import Sweep
 from ivfmc_ros.scan.state_machine import Stage
 from ivfmc_ros.scan.state_machine import StateMachine
+from ivfmc_ros.scan.table_verdict import judge_table
 from ivfmc_ros.stopwatch import Stopwatch
+
+# A sweep with missing angles is repeated there this often; then the scan is incomplete.
+_MAX_RETAKES = 2
 
 
 class Tools(Protocol):
@@ -53,6 +59,9 @@ class Tools(Protocol):
     async def wait_for_sweep_profiles(self, sweep: Sweep) -> None:
         """Return when all images of the sweep have been processed."""
 
+    def retakes(self, sweep: Sweep) -> Sequence[Sweep]:
+        """Return the sweeps that take the missing angles of ``sweep`` again; none if complete."""
+
     async def wait_until_resumed(self) -> None:
         """Return when the operator resumes the scan."""
 
@@ -61,6 +70,9 @@ class Tools(Protocol):
 
     async def register(self) -> Mapping[str, Any]:
         """Register all views; return the registrar's response."""
+
+    def judge(self, outcome: 'Outcome') -> None:
+        """Set the code of the outcome where what came is not what the plan asked for."""
 
     async def build_mesh(self) -> Mapping[str, Any]:
         """Build the mesh and its files; return the mesher's response."""
@@ -77,9 +89,10 @@ class Outcome:
     """
     The result of a scan.
 
-    code : 'OK', or the code of the error that ended the scan
+    code : 'OK', or the code of the error that ended the scan, or of what is wrong with its result
     detail : message of that error
     registration, mesh : responses of registrar and mesher
+    completeness : what came of the planned views and images
     seconds : duration of each stage
     """
 
@@ -87,7 +100,13 @@ class Outcome:
     detail: str = ''
     registration: Mapping[str, Any] = field(default_factory=dict)
     mesh: Mapping[str, Any] = field(default_factory=dict)
+    completeness: Mapping[str, Any] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
+
+    def mark(self, code: str, detail: str) -> None:
+        """Note what is wrong with the result of a scan that goes on; the first code is kept."""
+        self.code = code if self.code == 'OK' else self.code
+        self.detail = '; '.join(text for text in (self.detail, detail) if text)
 
 
 async def run_job(
@@ -100,9 +119,12 @@ async def run_job(
     """
     outcome = Outcome()
     watch = Stopwatch()
+    finished = False
     try:
         await _stages(machine, plan, motion, tools, outcome, watch)
-        end = Stage.DONE
+        finished = True
+        # a scan with a wrong result has failed, and keeps its files
+        end = Stage.DONE if outcome.code == 'OK' else Stage.FAILED
     except CancelledError as error:
         outcome.code, outcome.detail, end = error.code, str(error), Stage.CANCELLED
     except ScanError as error:
@@ -113,7 +135,8 @@ async def run_job(
     finally:
         tools.lasers_off()
     outcome.seconds = watch.seconds
-    if end is not Stage.DONE:
+    if not finished:
+        machine.refuse_requests()
         await tools.abort(outcome)
     machine.advance(end)
     return outcome
@@ -132,13 +155,17 @@ async def _stages(
         await tools.prepare()
     machine.advance(Stage.SCANNING)
     with watch.stage('scanning'):
-        for sweep in plan.sweeps:
-            await _sweep(sweep, machine, motion, tools)
+        await _sweeps(machine, plan, motion, tools)
         tools.lasers_off()
+        # a pause that was requested during the last sweep
+        await _wait_while_paused(machine, tools)
         await tools.wait_until_recorded()
+        await _wait_while_paused(machine, tools)
     machine.advance(Stage.REGISTERING)
     with watch.stage('registering'):
         outcome.registration = await tools.register()
+        judge_table(outcome)
+        tools.judge(outcome)
     machine.raise_if_cancelled()
     machine.advance(Stage.MESHING)
     with watch.stage('meshing'):
@@ -148,6 +175,21 @@ async def _stages(
     outcome.seconds = watch.seconds
     with watch.stage('finishing'):
         await tools.finish(outcome)
+
+
+async def _sweeps(machine: StateMachine, plan: Plan, motion: MotionLimits, tools: Tools) -> None:
+    """Take every sweep of the plan, and the angles that are missing again."""
+    position = plan.sweeps[0].begin(motion)
+    for planned in plan.sweeps:
+        # a repeated sweep has turned the table further than the plan expects
+        sweep = after_position(planned, motion, position)
+        await _sweep(sweep, machine, motion, tools)
+        position = sweep.end(motion)
+        for _ in range(_MAX_RETAKES):
+            for retake in tools.retakes(sweep):
+                repeated = after_position(retake, motion, position)
+                await _sweep(repeated, machine, motion, tools)
+                position = repeated.end(motion)
 
 
 async def _sweep(sweep: Sweep, machine: StateMachine, motion: MotionLimits, tools: Tools) -> None:

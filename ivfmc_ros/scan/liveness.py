@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Detects lost nodes by the time since their last heartbeat on a monotonic clock."""
+"""Detects lost nodes by the time since their last heartbeat in which the receiver was on time."""
 
 from collections.abc import Callable
 from collections.abc import Iterable
@@ -10,12 +10,44 @@ from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import ParameterError
 
 
+class AttentiveClock:
+    """
+    Counts the seconds in which its owner was on time.
+
+    A process that was stopped, or starved by others, finds the messages of that time still in its
+    queues: it has not waited for them, so that this time counts towards no time-out.
+
+    clock : returns steady seconds
+    period_s : seconds between two calls of ``tick`` by a timer of the owner
+    """
+
+    # A tick may be late by this many periods; the time beyond is not counted.
+    _MAX_LATE = 1.0
+
+    def __init__(self, period_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._most_s = period_s * (1.0 + self._MAX_LATE)
+        self._counted_s = 0.0
+        self._ticked_s = clock()
+
+    def tick(self) -> None:
+        """Note that the timer of the owner has called."""
+        now_s = self._clock()
+        self._counted_s += min(now_s - self._ticked_s, self._most_s)
+        self._ticked_s = now_s
+
+    def __call__(self) -> float:
+        """Return the seconds counted so far; never more than two periods since the last tick."""
+        return self._counted_s + min(self._clock() - self._ticked_s, self._most_s)
+
+
 class LivenessMonitor:
     """
     Ages of the last heartbeat, or joint state, of every node of a cell.
 
     Ages are measured on the receiver's clock, never by message stamps: the clocks of the machines
-    of a cell differ, and simulated time can stand still.
+    of a cell differ, and simulated time can stand still. Time in which the receiver itself was
+    late is not counted (see ``AttentiveClock``).
     """
 
     def __init__(self, timeout_s: float, clock: Callable[[], float] = time.monotonic) -> None:
@@ -23,6 +55,7 @@ class LivenessMonitor:
         Start without heartbeats: every node is lost until its first one.
 
         timeout_s : seconds without a heartbeat after which a node is lost
+        clock : returns the seconds of the receiver, an AttentiveClock in a node
         :raises ParameterError: the timeout is not a positive number
         """
         if not timeout_s > 0.0:
@@ -32,7 +65,7 @@ class LivenessMonitor:
         self._last_heartbeat_s: dict[str, float] = {}
 
     def heartbeat(self, name: str) -> None:
-        """Store the time of a heartbeat of the node ``name``."""
+        """Store the time of a heartbeat, or of another proof of life, of the node ``name``."""
         self._last_heartbeat_s[name] = self._clock()
 
     def age_s(self, name: str) -> float:

@@ -11,6 +11,7 @@ queued motion has ended, so the laser cannot change during a move.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from dataclasses import replace
 import math
 
 from ivfmc_ros.errors import ParameterError
@@ -49,7 +50,11 @@ class MotionLimits:
 
     def seconds(self, distance: float, velocity: float) -> float:
         """Return the duration, s, of a move of ``distance`` rad with trapezoidal velocity."""
-        return abs(distance) / velocity + velocity / self.acceleration
+        distance = abs(distance)
+        if distance < velocity**2 / self.acceleration:
+            # too short to reach the velocity: a triangle
+            return 2.0 * math.sqrt(distance / self.acceleration)
+        return distance / velocity + velocity / self.acceleration
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +68,8 @@ class Sweep:
     profiles : number of profiles of each laser
     velocity : rad/s in continuous motion; 0.0 in step motion
     dark : take an image with all lasers off first at every stop
+    turns : whole turns that were added to the planned start
+    retake_of : number of the sweep whose missing angles this one takes again
     """
 
     number: int
@@ -73,6 +80,8 @@ class Sweep:
     profiles: int
     velocity: float = 0.0
     dark: bool = False
+    turns: int = 0
+    retake_of: int | None = None
 
     def angles(self) -> list[float]:
         """Return the table positions of the profiles, radians."""
@@ -87,6 +96,14 @@ class Sweep:
         """Return the angle, rad, from the start of the move to the first profile."""
         ramp = 0.5 * self.velocity**2 / motion.acceleration
         return ramp + self.velocity * motion.lead_time
+
+    def begin(self, motion: MotionLimits) -> float:
+        """Return the table position, rad, at which the sweep begins, before the lead-in."""
+        return self.start - self.lead_angle(motion)
+
+    def end(self, motion: MotionLimits) -> float:
+        """Return the table position, rad, at which the sweep ends, after the lead-out."""
+        return self.start + self.span + self.lead_angle(motion)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,9 +151,27 @@ def make_plan(
                 velocity=_velocity(request, span, motion),
                 dark=request.dark_frames and request.motion == 'step',
             )
-            sweeps.append(_after_position(sweep, motion, position))
-            position = sweeps[-1].start + span + sweeps[-1].lead_angle(motion)
+            sweeps.append(after_position(sweep, motion, position))
+            position = sweeps[-1].end(motion)
     return Plan(sweeps=tuple(sweeps))
+
+
+def require_steps(plan: Plan, least: float, limit: str) -> None:
+    """
+    Check that the stops of step motion can be told apart.
+
+    least : radians, 0 for any step
+    limit : what it is, for the error
+    :raises ParameterError: the steps of a sweep are smaller
+    """
+    for sweep in plan.sweeps:
+        step = sweep.span / sweep.profiles
+        if sweep.velocity == 0.0 and step < least:
+            raise ParameterError(
+                f'profiles: {sweep.profiles} of a view are {math.degrees(step):.4f} degrees '
+                f'apart, the {limit} is {math.degrees(least):.4f}; '
+                f'request {math.floor(sweep.span / least)} or fewer, or reduce it'
+            )
 
 
 def _chosen(requested: Sequence[str], lasers: Sequence[str]) -> list[str]:
@@ -169,8 +204,12 @@ def _velocity(request: ScanRequest, span: float, motion: MotionLimits) -> float:
     return velocity
 
 
-def _after_position(sweep: Sweep, motion: MotionLimits, position: float) -> Sweep:
-    """Return the sweep with whole turns added to its start, so that it begins after position."""
-    behind = position - (sweep.start - sweep.lead_angle(motion)) - _POSITION_TOLERANCE
+def after_position(sweep: Sweep, motion: MotionLimits, position: float) -> Sweep:
+    """
+    Return the sweep with whole turns added to its start, so that it begins after a position.
+
+    position : rad; the table turns in the positive direction only
+    """
+    behind = position - sweep.begin(motion) - _POSITION_TOLERANCE
     turns = max(0, math.ceil(behind / _TURN))
-    return Sweep(**{**vars(sweep), 'start': sweep.start + turns * _TURN})
+    return replace(sweep, start=sweep.start + turns * _TURN, turns=sweep.turns + turns)

@@ -35,6 +35,7 @@ def finish_scan(folder: Path, outcome: Outcome, document: Mapping[str, Any]) -> 
         'detail': outcome.detail,
         'registration': outcome.registration,
         'mesh': outcome.mesh,
+        'completeness': outcome.completeness,
         'seconds': outcome.seconds,
     }
     error = ''

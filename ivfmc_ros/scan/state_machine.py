@@ -58,6 +58,7 @@ class StateMachine:
         self._on_change = on_change
         self._pause_requested = False
         self._cancel_requested = False
+        self._ending = False
 
     @property
     def running(self) -> bool:
@@ -88,9 +89,10 @@ class StateMachine:
         """
         Request a pause.
 
-        :raises StateError: the scan is not taking profiles
+        :raises StateError: the scan takes no profiles any more, or is ending
         """
-        if self.stage not in (Stage.PREPARING, Stage.SCANNING, Stage.PAUSED):
+        self._require_open()
+        if self.stage not in (Stage.IDLE, Stage.PREPARING, Stage.SCANNING, Stage.PAUSED):
             raise StateError(f'a scan can be paused while it takes profiles, it is {self.stage}')
         self._pause_requested = True
 
@@ -100,7 +102,8 @@ class StateMachine:
 
         :raises StateError: the scan is not paused and no pause is requested
         """
-        if not self.running or not self._pause_requested:
+        self._require_open()
+        if self.stage in FINAL_STAGES or not self._pause_requested:
             raise StateError(f'no scan is paused; the last one is {self.stage}')
         self._pause_requested = False
 
@@ -108,11 +111,24 @@ class StateMachine:
         """
         Request the end of the scan.
 
-        :raises StateError: no scan is running
+        A scan that was accepted can be cancelled before its first step.
+
+        :raises StateError: the scan has ended, or only its report is still being written
         """
-        if not self.running:
+        self._require_open()
+        if self.stage in FINAL_STAGES:
             raise StateError(f'no scan is running; the last one is {self.stage}')
+        if self.stage is Stage.FINISHING:
+            raise StateError('the mesh is complete; the scan ends when its report is written')
         self._cancel_requested = True
+
+    def refuse_requests(self) -> None:
+        """Refuse pause, resume and cancel from now on: the scan has failed and is ending."""
+        self._ending = True
+
+    def _require_open(self) -> None:
+        if self._ending:
+            raise StateError(f'the scan failed or was cancelled while {self.stage}, and is ending')
 
     def raise_if_cancelled(self) -> None:
         """:raises CancelledError: the end of the scan has been requested."""

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Acquisition of a stream of images; automatic settings are resolved from the buffered ones."""
 
+from collections.abc import Callable
+
 from ivfmc_ros.model import Frame
 from ivfmc_ros.model import Profile
 from ivfmc_ros.stripe.acquisition import Acquisition
@@ -21,8 +23,20 @@ class StreamAcquisition:
     reconstruction give equal results.
     """
 
-    def __init__(self, acquisition: Acquisition, sampled: int = TUNING_IMAGES) -> None:
+    def __init__(
+        self,
+        acquisition: Acquisition,
+        sampled: int = TUNING_IMAGES,
+        on_progress: Callable[[], object] = lambda: None,
+    ) -> None:
+        """
+        Start without images.
+
+        sampled : number of images from which automatic settings are resolved
+        on_progress : called after each image, so that a node shows that it is alive
+        """
         self.acquisition = acquisition
+        self._on_progress = on_progress
         self._sampled = sampled
         self._buffered: list[Frame] | None = []
 
@@ -51,7 +65,10 @@ class StreamAcquisition:
             self._buffered = buffered
             return []
         self.acquisition.resolve_auto_settings(buffered)
+        self._on_progress()
         return [(frame, self._measure(frame)) for frame in buffered]
 
     def _measure(self, frame: Frame) -> Profile:
-        return self.acquisition.profile(frame).to_single_precision()
+        profile = self.acquisition.profile(frame).to_single_precision()
+        self._on_progress()
+        return profile

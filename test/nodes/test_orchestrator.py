@@ -5,6 +5,7 @@ from contextlib import ExitStack
 import json
 import math
 from pathlib import Path
+import signal
 import sqlite3
 
 import pytest
@@ -55,7 +56,7 @@ def root(tmp_path_factory):
 def node(client, cell_file, root):
     values = {'cell': str(cell_file), 'scan_root': str(root), 'heartbeat_limit': 1.0}
     with running('orchestrator', **values) as node:
-        client.until(lambda: client.status, 15.0, 'no scan_status')
+        client.until(lambda: client.status, what='no scan_status')
         yield node
 
 
@@ -181,6 +182,22 @@ def test_lost_node_fails_the_scan_with_its_name(client, fake, orchestrator):
     fake.without_heartbeat.clear()
     client.set('orchestrator', profiles=3)
     assert client.trigger('scan', 60.0)[0]
+
+
+def test_hung_recorder_ends_the_scan_within_seconds_by_name(client, fake, orchestrator):
+    client.set('orchestrator', profiles=200)
+    client.trigger('start_scan')
+    client.until(lambda: fake.seq > 2, 30.0, 'no profiles')
+    fake.hanging.add('recorder/stop')
+    fake.without_heartbeat.add('recorder')
+    assert await_stage(client, 'FAILED', seconds=8.0)['code'] == 'RECORDER_LOST'
+
+
+def test_bag_that_ends_early_is_not_ok(client, fake, orchestrator):
+    fake.responses['recorder/stop'] = {'code': 'OK', 'recorded': 3}
+    success, answer = client.trigger('scan', 60.0)
+    assert (success, answer['code']) == (False, 'NOT_RECORDED')
+    assert 'ends with profile 3 instead of 5' in answer['detail']
 
 
 def test_error_of_a_node_keeps_its_code(client, fake, orchestrator):
@@ -330,3 +347,83 @@ def test_camera_that_is_not_calibrated_is_a_bad_cell(client, fake, orchestrator)
     success, answer = client.trigger('scan')
     assert (success, answer['code']) == (False, 'BAD_CELL')
     assert 'camera_info' in answer['detail']
+
+
+CONTINUOUS = {'motion': 'continuous', 'profiles': 24, 'profile_rate': 30.0}
+
+
+def test_missing_angles_are_taken_again(client, fake, orchestrator):
+    client.set('orchestrator', **CONTINUOUS, lasers=['left'])
+    # once, in the first of the turns
+    fake.stalls = [(2.0 * math.pi + 1.0, 2.0 * math.pi + 3.0)]
+    success, answer = client.trigger('scan', 60.0)
+    assert success, answer
+    (view,) = answer['completeness']['views']
+    assert view['retaken_as'][0] == 1
+    assert view['missing_deg'] == []
+    assert answer['completeness']['images']['not_taken'] > 0
+
+
+def test_angles_that_stay_missing_end_the_scan_as_incomplete(client, fake, orchestrator, root):
+    client.set('orchestrator', **CONTINUOUS, lasers=['left'])
+    fake.stalls = [(turn + 1.0, turn + 3.0) for turn in (0.0, 6.2832, 12.5664, 18.8496, 25.1327)]
+    success, answer = client.trigger('scan', 60.0)
+    assert (success, answer['code']) == (False, 'INCOMPLETE')
+    (view,) = answer['completeness']['views']
+    ((low, high),) = view['missing_deg']
+    assert (low, high) == pytest.approx((57.3, 171.9), abs=25.0)
+    assert f'view 0 (laser left): no profiles from {low} to {high} degrees' in answer['detail']
+    # what was taken is kept
+    assert 'mesh.stl' in answer['files']
+    assert fake.called[-2:] == ['mesher/build', 'recorder/stop']
+    assert values_of(client)['stage'] == 'FAILED'
+    assert scan_folder.load_job(root / answer['scan_id'])['code'] == 'INCOMPLETE'
+    report = json.loads((root / answer['scan_id'] / 'report.json').read_text())
+    assert report['code'] == 'INCOMPLETE'
+    assert report['completeness'] == answer['completeness']
+
+
+def test_angles_that_the_registrar_dropped_end_the_scan_as_incomplete(client, fake, orchestrator):
+    client.set('orchestrator', **CONTINUOUS, lasers=['left'])
+    views = [{'view': 0, 'runs': [[-0.1, 2.0]]}]
+    fake.responses['registrar/register'] = {'code': 'OK', 'views': views}
+    success, answer = client.trigger('scan', 60.0)
+    assert (success, answer['code']) == (False, 'INCOMPLETE')
+
+
+@pytest.mark.parametrize('motion', ['step', 'continuous'])
+@pytest.mark.parametrize('change_s', [-3600.0, -0.5, 3600.0])
+def test_clock_that_is_set_fails_the_scan(client, fake, orchestrator, motion, change_s):
+    client.set('orchestrator', motion=motion, profiles=200)
+    client.trigger('start_scan')
+    client.until(lambda: fake.seq > 25, 30.0, 'no profiles')
+    fake.clock_change_s = change_s
+    status = await_stage(client, 'FAILED', seconds=5.0)
+    assert status['code'] == 'CLOCK_JUMPED'
+    direction = 'forward' if change_s > 0.0 else 'back'
+    assert f'jumped {direction} by' in status['result']
+    assert fake.holds[-1][1] == ''
+
+
+def test_clock_that_is_set_between_scans_is_no_fault(client, fake, orchestrator):
+    # ends before the report is rendered, which takes long
+    fake.responses['registrar/register'] = {'code': 'DEGENERATE', 'detail': 'no surface'}
+    for change_s in (0.0, -3600.0, 3600.0):
+        fake.clock_change_s = change_s
+        assert client.trigger('scan', 60.0)[1]['code'] == 'DEGENERATE'
+
+
+def test_orchestrator_that_was_late_itself_loses_no_node(client, fake, orchestrator):
+    client.set('orchestrator', profiles=200)
+    client.trigger('start_scan')
+    client.until(lambda: fake.seq > 2, 30.0, 'no profiles')
+    for _ in range(3):
+        # heartbeats wait in its queues; the limit is 1 s
+        orchestrator.process.send_signal(signal.SIGSTOP)
+        client.spin(1.5)
+        orchestrator.process.send_signal(signal.SIGCONT)
+        seq = fake.seq
+        client.until(
+            lambda seq=seq: fake.seq > seq or values_of(client)['code'], 10.0, 'no profile'
+        )
+    assert values_of(client)['stage'] == 'SCANNING'

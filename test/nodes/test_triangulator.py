@@ -103,6 +103,21 @@ def test_uncalibrated_camera_info_is_reported(client, inputs, cell_file):
         client.until(lambda: 'camera_matrix' in client.diagnostic('triangulator'))
 
 
+def test_images_lost_before_the_triangulator_are_counted(client, inputs, cell_file, frames):
+    found = client.collect(PointCloud2, 'profile')
+    with running('triangulator', cell=str(cell_file)):
+        inputs.wait()
+        for number, frame in enumerate([*frames, *frames[:4]]):
+            stamp = START + number * STEP
+            inputs.camera_info(stamp)
+            if number in (20, 21, 30):
+                inputs.table(frame.angle, stamp)
+                continue
+            inputs.step(number, frame)
+            client.until(lambda sent=number: len(found) > sent - 23)
+        client.until(lambda: 'images_not_received: 3' in client.diagnostic('triangulator'))
+
+
 def test_stamps_that_jump_back_discard_the_states_before(client, inputs, cell_file, frames):
     found = client.collect(PointCloud2, 'profile')
     with running('triangulator', cell=str(cell_file)):

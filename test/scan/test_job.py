@@ -1,10 +1,12 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 import asyncio
+from dataclasses import replace
 
 import pytest
 
 from ivfmc_ros.errors import HelperError
+from ivfmc_ros.errors import StateError
 from ivfmc_ros.scan.job import run_job
 from ivfmc_ros.scan.plan import make_plan
 from ivfmc_ros.scan.plan import MotionLimits
@@ -23,6 +25,8 @@ class FakeTools:
         self.done = []
         self.lit = None
         self.profile_rate = 10.0
+        self.missing = []
+        self.verdicts = []
         self._at = at or {}
 
     def _do(self, *what):
@@ -70,6 +74,14 @@ class FakeTools:
         self._do('register')
         return {'views': 2}
 
+    def retakes(self, sweep):
+        self._do('retakes', sweep.number)
+        return self.missing.pop(0) if self.missing else []
+
+    def judge(self, outcome):
+        for code, detail in self.verdicts:
+            outcome.mark(code, detail)
+
     async def build_mesh(self):
         self._do('build')
         return {'faces': 12}
@@ -84,11 +96,12 @@ class FakeTools:
         return [what[0] for what in self.done]
 
 
-def run(at=None, **values):
+def run(at=None, verdicts=(), missing=(), **values):
     machine = StateMachine()
     stages = []
     machine._on_change = stages.append
     tools = FakeTools(machine, at)
+    tools.verdicts, tools.missing = list(verdicts), list(missing)
     plan = make_plan(ScanRequest(**values), ('left', 'right'), MOTION)
     outcome = asyncio.run(run_job(machine, plan, MOTION, tools))
     return tools, outcome, stages
@@ -161,6 +174,36 @@ def test_unexpected_exception_ends_the_scan_as_internal_error():
     assert (tools.lit, stages[-1]) == (None, Stage.FAILED)
 
 
+def test_incomplete_scan_keeps_its_mesh_and_fails():
+    verdicts = [('INCOMPLETE', 'view 0: no profiles'), ('SLIPPED', 'by 3 degrees')]
+    tools, outcome, stages = run(verdicts=verdicts, profiles=200)
+    assert (outcome.code, outcome.detail) == (
+        'INCOMPLETE', 'view 0: no profiles; by 3 degrees',
+    )  # fmt: skip
+    assert outcome.mesh == {'faces': 12}
+    assert tools.done[-1] == ('finish', 'INCOMPLETE')
+    assert (tools.lit, stages[-1]) == (None, Stage.FAILED)
+
+
+def test_missing_angles_are_taken_again_before_the_next_sweep_without_turning_back():
+    (first, _) = make_plan(ScanRequest(profiles=200), ('left', 'right'), MOTION).sweeps
+    again = replace(first, views=(2, -1), start=1.0, span=1.0, profiles=32, retake_of=0)
+    tools, outcome, _ = run(profiles=200, missing=[[again], []])
+    assert outcome.code == 'OK'
+    selected = [what[1] for what in tools.done if what[0] == 'select']
+    assert selected == [(0, -1), (2, -1), (-1, 1)]
+    moves = [what[1] for what in tools.done if what[0] == 'move']
+    assert len(moves) == 6
+    assert moves == sorted(moves)
+
+
+def test_missing_angles_are_taken_again_twice_at_most():
+    (first, _) = make_plan(ScanRequest(profiles=200), ('left', 'right'), MOTION).sweeps
+    again = replace(first, views=(2, -1), start=1.0, span=1.0, profiles=32, retake_of=0)
+    tools, _, _ = run(profiles=200, missing=[[again]] * 10)
+    assert len([what for what in tools.done if what[0] == 'select']) == 2 + 2 * 2
+
+
 def _run_with(at_each_profile, **values):
     machine = StateMachine()
     tools = FakeTools(machine, {'profile': lambda: at_each_profile(machine)})
@@ -190,3 +233,32 @@ def test_paused_scan_resumes_at_the_same_stop():
     assert outcome.code == 'OK'
     assert tools.names().count('profile') == 8
     assert stages.count(Stage.PAUSED) == 1
+
+
+@pytest.mark.parametrize('step', ['settled', 'recorded'])
+def test_pause_during_the_last_sweep_holds_the_scan_before_it_is_registered(step):
+    machine = StateMachine()
+    tools = FakeTools(machine, {step: machine.pause, 'resumed': machine.resume})
+    plan = make_plan(ScanRequest(lasers=('left',)), ('left', 'right'), MOTION)
+    outcome = asyncio.run(run_job(machine, plan, MOTION, tools))
+    assert outcome.code == 'OK'
+    names = tools.names()
+    assert names.index('resumed') < names.index('register')
+
+
+def test_requests_are_refused_while_a_failed_scan_ends():
+    def fail():
+        raise HelperError('CAMERA_LOST', 'no heartbeat')
+
+    refused = []
+
+    def cancel(machine):
+        with pytest.raises(StateError, match='is ending'):
+            machine.cancel()
+        refused.append(True)
+
+    machine = StateMachine()
+    tools = FakeTools(machine, {'recorded': fail, 'halt': lambda: cancel(machine)})
+    plan = make_plan(ScanRequest(), ('left', 'right'), MOTION)
+    assert asyncio.run(run_job(machine, plan, MOTION, tools)).code == 'CAMERA_LOST'
+    assert refused

@@ -6,6 +6,7 @@ import pytest
 
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.scan.liveness import AttentiveClock
 from ivfmc_ros.scan.liveness import LivenessMonitor
 
 
@@ -44,3 +45,43 @@ def test_node_without_any_heartbeat_is_lost():
 def test_timeout_that_is_not_positive_is_refused(timeout_s):
     with pytest.raises(ParameterError, match='limit'):
         LivenessMonitor(timeout_s)
+
+
+def test_time_in_which_the_receiver_was_late_counts_towards_no_time_out():
+    clock = Clock()
+    own = AttentiveClock(0.1, clock)
+    monitor = LivenessMonitor(1.0, own)
+    monitor.heartbeat('triangulator')
+    for _ in range(3):
+        # stopped for seconds; the heartbeats are still in the queue
+        clock.now += 5.0
+        monitor.require_alive(['triangulator'])
+        own.tick()
+        monitor.require_alive(['triangulator'])
+
+
+def test_silent_node_is_lost_as_soon_when_the_receiver_is_on_time():
+    clock = Clock()
+    own = AttentiveClock(0.1, clock)
+    monitor = LivenessMonitor(1.0, own)
+    monitor.heartbeat('triangulator')
+    for _ in range(10):
+        clock.now += 0.1
+        own.tick()
+        monitor.require_alive(['triangulator'])
+    clock.now += 0.1
+    own.tick()
+    with pytest.raises(HelperError, match='triangulator'):
+        monitor.require_alive(['triangulator'])
+
+
+def test_silent_node_is_lost_although_the_receiver_is_loaded():
+    clock = Clock()
+    own = AttentiveClock(0.1, clock)
+    monitor = LivenessMonitor(1.0, own)
+    monitor.heartbeat('triangulator')
+    for _ in range(8):
+        clock.now += 0.3
+        own.tick()
+    with pytest.raises(HelperError, match='triangulator'):
+        monitor.require_alive(['triangulator'])

@@ -7,6 +7,7 @@ import pytest
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.scan.plan import make_plan
 from ivfmc_ros.scan.plan import MotionLimits
+from ivfmc_ros.scan.plan import require_steps
 from ivfmc_ros.scan.request import ScanRequest
 
 LASERS = ('left', 'right')
@@ -87,3 +88,25 @@ def test_table_turns_slower_for_a_slow_camera():
     sweep = plan(profiles=200).sweeps[0]
     assert sweep.limited_velocity(5.0) == pytest.approx(TURN / 200 * 5.0)
     assert sweep.limited_velocity(20.0) == sweep.velocity
+
+
+def test_short_move_is_planned_without_reaching_the_velocity():
+    # 200 stops a turn: 14 ms more than needed at each, and the driver keeps the duration
+    table = MotionLimits(velocity=1.5, acceleration=6.0)
+    step = TURN / 200
+    assert table.seconds(step, 1.5) == pytest.approx(2.0 * math.sqrt(step / 6.0))
+    assert table.seconds(-step, 1.5) < 0.15
+    # continuous where the ramps meet
+    meeting = 1.5**2 / 6.0
+    assert table.seconds(meeting, 1.5) == pytest.approx(0.5)
+    assert table.seconds(meeting + 1.5, 1.5) == pytest.approx(1.5)
+    assert table.seconds(0.0, 1.5) == 0.0
+
+
+def test_steps_below_the_tolerance_are_refused_with_the_greatest_number():
+    made = plan(motion='step', profiles=3142)
+    with pytest.raises(ParameterError, match=r'profiles: 3142 .* request 3141 or fewer'):
+        require_steps(made, 2e-3, 'position_tolerance')
+    require_steps(plan(motion='step', profiles=3141), 2e-3, 'position_tolerance')
+    require_steps(plan(profiles=20000), 2e-3, 'position_tolerance')
+    require_steps(made, 0.0, 'min_step')

@@ -11,6 +11,9 @@ import json
 from pathlib import Path
 import time
 
+from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import KeyValue
 import numpy as np
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
@@ -28,6 +31,7 @@ from ivfmc_ros.model import Profile
 from ivfmc_ros.nodes.convert import clouds
 from ivfmc_ros.nodes.framework import qos
 from ivfmc_ros.simulation.parts.solids import demo_part
+from ivfmc_ros.storage.messages import cdr
 from support.synthetic import small_cell
 
 HELPERS = ('triangulator', 'registrar', 'mesher', 'recorder')
@@ -47,6 +51,9 @@ class FakeCell:
     always_on : a laser that is on whatever beam_hold says
     recorder_lag : profiles that the recorder has not flushed
     calibrated : whether camera_info has a camera matrix
+    stands_from : position of the table, radians, beyond which it does not move
+    clock_change_s : seconds by which the clock of camera and table was set
+    stalls : ranges of the position of the table, radians, where the camera stands still
     """
 
     def __init__(self, client):
@@ -63,6 +70,9 @@ class FakeCell:
         self.always_on = None
         self.recorder_lag = 0
         self.calibrated = True
+        self.clock_change_s = 0.0
+        self.stands_from = float('inf')
+        self.stalls = []
         self.motion = (0.0, 0.0, 0.0, 0.0)  # start and target in radians, begin and end in seconds
         self.seq = 0
         self.last = {}
@@ -79,6 +89,7 @@ class FakeCell:
             name: helper.create_publisher(Header, f'{name}/heartbeat', 10)
             for name, helper in self.nodes.items()
         }
+        self.diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         node.create_timer(0.02, self._publish_joints)
         node.create_timer(0.05, self._publish_images_and_heartbeats)
 
@@ -92,7 +103,7 @@ class FakeCell:
         start, target, begin, end = self.motion
         now = time.monotonic()
         share = 1.0 if now >= end else (now - begin) / (end - begin)
-        return start + (target - start) * share
+        return min(start + (target - start) * share, self.stands_from)
 
     @property
     def beam(self):
@@ -107,9 +118,11 @@ class FakeCell:
     def _create_node(self, name):
         node = Node(name, namespace='/ivfmc', context=self.client.context)
         node.declare_parameter('scan_id', '')
+        node.declare_parameter('min_step', 1e-3)
         node.declare_parameter('scan_folder', '')
         node.declare_parameter('motion', '')
         node.declare_parameter('pictures', True)
+        node.declare_parameter('owner', '')
         node.declare_parameter('subtract_dark', False)
         node.declare_parameter('formats', ['stl'])
         node.declare_parameter('export_unit', '')
@@ -155,7 +168,18 @@ class FakeCell:
         self.holds.append((time.monotonic(), message.frame_id))
 
     def _header(self, name=''):
-        return Header(frame_id=name, stamp=self.node.get_clock().now().to_msg())
+        header = Header(frame_id=name)
+        header.stamp.sec, header.stamp.nanosec = divmod(self._now_ns(), 1_000_000_000)
+        return header
+
+    def _now_ns(self):
+        return self.node.get_clock().now().nanoseconds + round(self.clock_change_s * 1e9)
+
+    def fault_of_controller(self, code, text, name='ivfmc/turntable'):
+        """Publish the diagnostics of a turntable node."""
+        status = DiagnosticStatus(level=bytes([2 if code else 0]), name=name, message=text)
+        status.values = [KeyValue(key='code', value=code)]
+        self.diagnostics.publish(DiagnosticArray(status=[status]))
 
     def _publish_joints(self):
         joints = JointState(name=['other', 'turntable_joint'], position=[9.0, self.position])
@@ -167,6 +191,8 @@ class FakeCell:
         for name, publisher in self.beats.items():
             if name not in self.without_heartbeat:
                 publisher.publish(self._header(name))
+        if any(low <= self.position < high for low, high in self.stalls):
+            return
         camera = small_cell().camera
         info = CameraInfo(width=camera.width, height=camera.height, distortion_model=camera.model)
         info.k = camera.K.ravel().tolist() if self.calibrated else [0.0] * 9
@@ -174,12 +200,12 @@ class FakeCell:
         info.header = self._header()
         self.infos.publish(info)
         before = self.seq
-        self._publish_profile()
+        self._publish_profile(cdr.stamp_ns(info))
         if before == self.seq and 0 < self.recorder_lag <= before:
             # without new profiles the recorder soon catches up
             self.recorded.publish(UInt64(data=before - 1))
 
-    def _publish_profile(self):
+    def _publish_profile(self, stamp_ns):
         names = [laser.name for laser in small_cell().lasers]
         views = self.parameter('triangulator', 'view')
         beam = self.always_on or self.beam
@@ -200,7 +226,7 @@ class FakeCell:
             laser=laser,
             view=views[laser],
             seq=self.seq,
-            stamp_ns=self.node.get_clock().now().nanoseconds,
+            stamp_ns=stamp_ns,
         )
         self.profiles.publish(clouds.from_profile(profile))
         if self.seq >= self.recorder_lag:

@@ -12,18 +12,23 @@ import json
 from typing import Any
 
 from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.srv import GetParameters
 from rcl_interfaces.srv import SetParameters
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.parameter import Parameter
+from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import TimeoutExceededError
 from ivfmc_ros.nodes.framework.base import CellNode
+from ivfmc_ros.scan.liveness import AttentiveClock
 
 # Seconds between two checks of the conditions.
 POLL_S = 0.02
+# A poll that comes later than this and as much again, seconds, is of a node that was stopped.
+_MAX_LATE_S = 0.5
 # Seconds to wait for a service of another node to be discovered.
 _DISCOVERY_S = 5.0
 
@@ -40,11 +45,17 @@ class _Wait:
 
 
 class Waiter:
-    """Lets coroutines of a node await conditions, which a steady timer polls."""
+    """
+    Lets coroutines of a node await conditions, which a steady timer polls.
+
+    Time in which the node itself was stopped counts towards no time-out: the messages of that
+    time are still in its queues.
+    """
 
     def __init__(self, node: CellNode) -> None:
         self._node = node
         self._waits: list[_Wait] = []
+        self._clock = AttentiveClock(_MAX_LATE_S, node.steady_s)
         node.steady_timer(POLL_S, self._poll)
 
     async def until(
@@ -63,7 +74,7 @@ class Waiter:
         """
         wait = _Wait(
             condition=condition,
-            deadline=self._node.steady_s() + seconds,
+            deadline=self._clock() + seconds,
             timeout_text=f'timed out after {seconds:.1f} s while waiting for {what}',
             guard=guard,
             future=Future(executor=self._node.executor),
@@ -72,12 +83,13 @@ class Waiter:
         await wait.future
 
     def _poll(self) -> None:
+        self._clock.tick()
         for wait in list(self._waits):
             try:
                 if wait.guard is not None:
                     wait.guard()
                 ready = wait.condition()
-                if not ready and self._node.steady_s() > wait.deadline:
+                if not ready and self._clock() > wait.deadline:
                     raise TimeoutExceededError(wait.timeout_text)
             except Exception as error:  # raised where it is awaited
                 self._waits.remove(wait)
@@ -134,6 +146,16 @@ class ServiceClients:
         for name, result in zip(values, response.results, strict=True):
             if not result.successful:
                 raise HelperError('BAD_PARAMETER', f'{node}: {name}: {result.reason}')
+
+    async def get(self, node: str, name: str, seconds: float = 5.0) -> Any:
+        """
+        Return a parameter of another node, None if it has none of that name.
+
+        :raises HelperError: it is not available, or times out
+        """
+        request = GetParameters.Request(names=[name])
+        response = await self.call(f'{node}/get_parameters', GetParameters, request, seconds)
+        return parameter_value_to_python(response.values[0]) if response.values else None
 
     async def call(
         self,

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The calibrated cell of a node: cell.yaml, and the camera from a file or from camera_info."""
 
+from collections.abc import Callable
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,8 @@ class CellSource:
         self._cell: Cell | None = None
         self._last_info: Any = None
         self._loaded_mtimes_ns: tuple[int, ...] = ()
+        # called with every camera_info
+        self.on_camera_info: Callable[[CameraInfo], object] = lambda _: None
         node.parameter('cell', '', 'Path of cell.yaml: lasers and turntable.')
         node.parameter(
             'camera',
@@ -134,6 +137,7 @@ class CellSource:
             self._node.health.clear_fault('camera')
 
     def _receive_camera_info(self, message: CameraInfo) -> None:
+        self.on_camera_info(message)
         if self._node.get('camera'):
             return
         info = (
@@ -142,6 +146,8 @@ class CellSource:
             message.distortion_model,
             tuple(message.k),
             tuple(message.d),
+            (message.binning_x, message.binning_y),
+            (message.roi.x_offset, message.roi.y_offset, message.roi.width, message.roi.height),
         )
         if info == self._last_info and self._camera is not None:
             return

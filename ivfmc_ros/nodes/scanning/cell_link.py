@@ -21,6 +21,9 @@ from ivfmc_ros.errors import HelperError
 from ivfmc_ros.nodes.convert.stamps import nanoseconds
 from ivfmc_ros.nodes.framework.adaptive_subscription import AdaptiveSubscription
 from ivfmc_ros.nodes.framework.base import CellNode
+from ivfmc_ros.nodes.scanning.controller_watch import ControllerWatch
+from ivfmc_ros.scan.clock_monitor import ClockMonitor
+from ivfmc_ros.scan.liveness import AttentiveClock
 from ivfmc_ros.scan.liveness import LivenessMonitor
 from ivfmc_ros.storage.matching.joint_history import joint_in_message
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
@@ -57,7 +60,10 @@ class CellLink:
     Keeps what the nodes of the cell publish, and publishes joint_trajectory and beam_hold.
 
     watch : ages of heartbeats and joint states
+    clocks : jumps of the clocks since the start of the scan
+    info_stamps_ns : stamps of all camera_info of the scan
     reports : last joint states of the table
+    controller : fault of the motion controller
     lasers : whether each laser is on
     dark_since_ns : stamp since which all lasers are off; None while one is on
     last_image_ns : stamp of the last image
@@ -72,7 +78,11 @@ class CellLink:
         joint : joint name of the table in joint_states
         limit : seconds of silence after which a node is lost
         """
-        self.watch = LivenessMonitor(limit)
+        # seconds in which this node itself was on time: what waits in its queues is not late
+        self._attentive = AttentiveClock(HOLD_S, node.steady_s)
+        self.watch = LivenessMonitor(limit, self._attentive)
+        self.clocks = ClockMonitor(node.steady_s)
+        self.info_stamps_ns: list[int] = []
         self.joint = joint
         self.reports: deque[JointReport] = deque(maxlen=_JOINT_REPORTS)
         self.lasers: dict[str, bool] = {}
@@ -86,6 +96,8 @@ class CellLink:
         self._node = node
         self._beam: str | None = None
         self._closed = False
+        self._reports_since_command = 0
+        self.controller = ControllerWatch(node)
         self._hold = node.publish_on(Header, 'beam_hold')
         self._trajectory = node.publish_on(JointTrajectory, 'joint_trajectory')
         self._subscriptions = [
@@ -94,7 +106,7 @@ class CellLink:
             node.subscribe(JointState, 'laser_states', self._receive_lasers),
             node.subscribe(PointCloud2, 'profile', self._receive_profile),
             node.subscribe(UInt64, 'recorded', self._receive_recorded),
-            node.steady_timer(HOLD_S, self._repeat_hold),
+            node.steady_timer(HOLD_S, self._tick),
         ]
         for name in HELPERS:
             callback = partial(self._receive_heartbeat, name)
@@ -113,6 +125,8 @@ class CellLink:
     def start_scan(self) -> None:
         """Forget the profiles of the previous scan; their numbers start at 0 again."""
         self.headers.clear()
+        self.clocks.reset()
+        self.info_stamps_ns.clear()
         self.recorded = self._unrecorded_since = self._repeated_seq = None
 
     def require_unique_profiles(self) -> None:
@@ -128,7 +142,7 @@ class CellLink:
     def unrecorded_s(self) -> float:
         """Seconds since the recorder wrote a profile while others wait; 0: none waits."""
         since = self._unrecorded_since
-        return 0.0 if since is None else self._node.steady_s() - since
+        return 0.0 if since is None else self._attentive() - since
 
     def close(self) -> None:
         """Turn all lasers off, stop the table, and publish nothing any more."""
@@ -152,6 +166,7 @@ class CellLink:
             velocities=[0.0],
             time_from_start=Duration(sec=whole, nanosec=int((seconds - whole) * 1e9)),
         )
+        self._reports_since_command = 0
         # joint_trajectory_controller: a stamp of zero means now
         self._trajectory.publish(JointTrajectory(joint_names=[self.joint], points=[point]))
 
@@ -166,9 +181,14 @@ class CellLink:
         return bool(self._node.count_subscribers(self._trajectory.topic_name))
 
     def stands_at(self, position: float, tolerance: float) -> bool:
-        """Return whether the last joint states agree on standstill at ``position``, radians."""
+        """
+        Return whether the last joint states agree on standstill at ``position``, radians.
+
+        Those from before the last command do not count.
+        """
         last = list(self.reports)[-_STANDSTILL_REPORTS:]
-        return len(last) == _STANDSTILL_REPORTS and all(
+        enough = min(len(last), self._reports_since_command) >= _STANDSTILL_REPORTS
+        return enough and all(
             abs(report.position - position) <= tolerance
             and abs(report.velocity) <= _STANDSTILL_VELOCITY
             for report in last
@@ -176,9 +196,18 @@ class CellLink:
 
     @property
     def standstill_ns(self) -> int:
-        """Stamp of the first of the joint states that make up the standstill, nanoseconds."""
-        last = list(self.reports)[-_STANDSTILL_REPORTS:]
-        return last[0].stamp_ns if last else 0
+        """
+        Stamp of the first of the joint states that make up the standstill, nanoseconds.
+
+        Not of the last few: this node may be late, and the profile of this position be there.
+        """
+        first_ns = 0
+        for number, report in enumerate(reversed(self.reports)):
+            is_old = number >= max(self._reports_since_command, _STANDSTILL_REPORTS)
+            if is_old or abs(report.velocity) > _STANDSTILL_VELOCITY:
+                break
+            first_ns = report.stamp_ns
+        return first_ns
 
     def latest_profiles(self) -> list[ProfileHeader]:
         """Return the headers of the last profiles, the newest first."""
@@ -195,7 +224,10 @@ class CellLink:
         header.stamp = self._node.get_clock().now().to_msg()
         return header
 
-    def _repeat_hold(self) -> None:
+    def _tick(self) -> None:
+        self._attentive.tick()
+        if not self._is_simulated_time:
+            self.clocks.check_own_clock()
         if self._beam is not None:
             self._hold.publish(self._header(self._beam))
 
@@ -211,7 +243,9 @@ class CellLink:
         if velocity is None:
             velocity = self._finite_difference(stamp_ns, position)
         self.watch.heartbeat(JOINTS)
+        self._check_stamp(JOINTS, stamp_ns)
         self.reports.append(JointReport(stamp_ns=stamp_ns, position=position, velocity=velocity))
+        self._reports_since_command += 1
 
     def _finite_difference(self, stamp_ns: int, position: float) -> float:
         """Return the velocity by the previous joint state, rad/s."""
@@ -223,6 +257,17 @@ class CellLink:
 
     def _receive_camera(self, message: CameraInfo) -> None:
         self.last_image_ns = nanoseconds(message.header.stamp)
+        self.info_stamps_ns.append(self.last_image_ns)
+        self._check_stamp('camera_info', self.last_image_ns)
+
+    @property
+    def _is_simulated_time(self) -> bool:
+        return bool(self._node.get_parameter('use_sim_time').value)
+
+    def _check_stamp(self, topic: str, stamp_ns: int) -> None:
+        # simulated time stands still and runs at any speed
+        if not self._is_simulated_time:
+            self.clocks.add(topic, stamp_ns)
 
     def _receive_lasers(self, message: JointState) -> None:
         self.lasers = {
@@ -235,14 +280,16 @@ class CellLink:
 
     def _receive_profile(self, message: Any) -> None:
         header = read_profile_header(message)
+        # a triangulator that is busy with images is late with its heartbeats
+        self.watch.heartbeat('triangulator')
         known = self.headers.setdefault(header.seq, header)
         if known.stamp_ns != header.stamp_ns:
             self._repeated_seq = header.seq
         recorded = self.recorded is not None and self.recorded >= header.seq
         if self._unrecorded_since is None and not recorded:
-            self._unrecorded_since = self._node.steady_s()
+            self._unrecorded_since = self._attentive()
 
     def _receive_recorded(self, message: UInt64) -> None:
         self.recorded = int(message.data)
         waiting = self.recorded < max(self.headers, default=0)
-        self._unrecorded_since = self._node.steady_s() if waiting else None
+        self._unrecorded_since = self._attentive() if waiting else None

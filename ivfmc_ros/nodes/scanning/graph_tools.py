@@ -4,9 +4,8 @@
 
 from collections.abc import Callable
 from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Sequence
 import math
-from pathlib import Path
 from typing import Any
 
 from sensor_msgs.msg import CameraInfo
@@ -21,13 +20,14 @@ from ivfmc_ros.nodes.framework.futures import Condition
 from ivfmc_ros.nodes.framework.futures import ServiceClients
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
 from ivfmc_ros.nodes.scanning.cell_link import JOINTS
+from ivfmc_ros.nodes.scanning.scan_checks import ScanChecks
+from ivfmc_ros.nodes.scanning.scan_context import ScanContext
+from ivfmc_ros.nodes.scanning.table_motion import TableMotion
 from ivfmc_ros.scan.job import Outcome
-from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.plan import NOT_MEASURED
-from ivfmc_ros.scan.plan import Plan
+from ivfmc_ros.scan.plan import require_steps
 from ivfmc_ros.scan.plan import Sweep
 from ivfmc_ros.scan.report import finish_scan
-from ivfmc_ros.scan.request import ScanRequest
 from ivfmc_ros.scan.state_machine import StateMachine
 
 # Nodes that every scan needs.
@@ -48,6 +48,7 @@ _LASER_S = 10.0
 _FLUSH_S = 60.0
 _STOP_RECORDER_S = 120.0
 _ABORT_S = 5.0
+_ABORT_RECORDER_S = 10.0
 # a cell whose nodes are starting
 _STARTUP_S = 15.0
 # Time after standstill until a dark frame is accepted, ns: above ``settle`` of the triangulator.
@@ -56,28 +57,6 @@ _SETTLE_NS = 200_000_000
 _RATE_PROFILES = 6
 # Fraction of the planned profile rate below which the operator is warned.
 _LOW_RATE = 0.9
-
-
-@dataclass(frozen=True, kw_only=True)
-class ScanContext:
-    """
-    The constants of a running scan.
-
-    cell : path of cell.yaml
-    tolerance : of table positions, radians
-    patience : time-out of one profile, seconds
-    home : home the table first
-    """
-
-    scan_id: str
-    folder: Path
-    request: ScanRequest
-    plan: Plan
-    motion: MotionLimits
-    cell: Path
-    tolerance: float
-    patience: float
-    home: bool
 
 
 class GraphTools:
@@ -105,12 +84,14 @@ class GraphTools:
         self._link = link
         self._machine = machine
         self._services = services
+        self._checks = ScanChecks(link, context.plan, context.motion, context.limits)
         # discovery starts with the first call
         for path in ('turntable/stop', 'registrar/cancel', 'mesher/cancel'):
             services.has(path)
         self._working = ''
         self._watched: list[str] = []
         self._recording = False
+        self._are_images_needed = True
         self._standstill_ns = 0
         self.bag: Mapping[str, Any] = {}
         self.picture_error = ''
@@ -135,13 +116,21 @@ class GraphTools:
         scan = {'scan_folder': str(context.folder), 'scan_id': context.scan_id}
         files = {'formats': context.request.formats, 'export_unit': context.request.export_unit}
         await self._services.set('mesher', {**scan, **files})
-        await self._services.set('recorder', {**scan, 'pictures': True})
+        owner = self._node.life.id
+        await self._services.set('recorder', {**scan, 'pictures': True, 'owner': owner})
         # messages of the previous scan that were still in the queues
         self._link.start_scan()
         await self._start_recording()
         self.camera_info = await self._first_message(CameraInfo, 'camera_info', 'CAMERA_LOST')
+        await self._require_steps()
         if context.home:
             await self._services.trigger('turntable/home', _HOMING_S, self._guard)
+
+    async def _require_steps(self) -> None:
+        """:raises ParameterError: the triangulator takes two stops for one position."""
+        if self.context.request.motion == 'step':
+            least = await self._services.get('triangulator', 'min_step')
+            require_steps(self.context.plan, float(least or 0.0), 'min_step of the triangulator')
 
     async def _start_recording(self) -> None:
         # before the call: after a time-out the recorder may record all the same
@@ -173,6 +162,7 @@ class GraphTools:
                 self._machine.raise_if_cancelled,
             )
         except TimeoutExceededError:
+            self._link.controller.require_ready()
             watch.require_alive(NEEDED)
             if not self._link.has_table():
                 raise HelperError(
@@ -183,19 +173,19 @@ class GraphTools:
 
     async def select_views(self, sweep: Sweep) -> None:
         """Set the view numbers of this sweep for the profiles that follow."""
+        self._checks.begin(sweep)
         await self._services.set('triangulator', {'view': list(sweep.views)})
 
     async def move(self, position: float, velocity: float) -> None:
         """Turn the table to ``position`` (rad) at ``velocity`` (rad/s); return at standstill."""
-        tolerance = self.context.tolerance
-        if self._link.stands_at(position, 0.1 * tolerance):
+        context = self.context
+        motion = TableMotion(self._link, context.motion, context.tolerance, position, velocity)
+        if not motion.is_needed:
             return
-        here = self._link.position
-        seconds = self.context.motion.seconds(position - (here or 0.0), velocity)
-        self._link.command(position, seconds)
+        motion.command()
         await self._until(
-            lambda: self._link.stands_at(position, tolerance),
-            1.5 * seconds + _RESPONSE_S,
+            motion.has_arrived,
+            1.5 * motion.seconds + _RESPONSE_S,
             f'the table to stop at {math.degrees(position):.2f} degrees',
             'MOTION_FAILED',
         )
@@ -264,6 +254,10 @@ class GraphTools:
         # images are processed in order, and the last one is exposed at standstill
         await self.wait_for_profile(max(sweep.views))
 
+    def retakes(self, sweep: Sweep) -> Sequence[Sweep]:
+        """Return the sweeps that take the missing angles of ``sweep`` again; none if complete."""
+        return self._checks.retakes(sweep)
+
     async def wait_until_resumed(self) -> None:
         """Return when the operator resumes the scan."""
         await self._until(lambda: not self._machine.pause_requested, _PAUSE_S, 'resume', 'TIMEOUT')
@@ -283,6 +277,7 @@ class GraphTools:
         # dark images during meshing would be most of the bag
         await self._services.set('recorder', {'pictures': False})
         # camera and table are not needed any more
+        self._are_images_needed = False
         self._watched = ['registrar', 'mesher', 'recorder']
 
     async def _stop_profiles(self) -> None:
@@ -292,7 +287,15 @@ class GraphTools:
     async def register(self) -> Mapping[str, Any]:
         """Register all views; return the registrar's response."""
         await self._services.set('registrar', {'expected': max(self._link.headers) + 1})
-        return await self._call_long('registrar', 'register')
+        answer = await self._call_long('registrar', 'register')
+        if answer.get('stamp_ns'):
+            # poses of another scan that arrive late must not become the mesh of this one
+            await self._services.set('mesher', {'poses_stamp': answer['stamp_ns']})
+        return answer
+
+    def judge(self, outcome: Outcome) -> None:
+        """Set the code of the outcome where what came is not what the plan asked for."""
+        self._checks.judge(outcome)
 
     async def build_mesh(self) -> Mapping[str, Any]:
         """Build the mesh and its files; return the mesher's response."""
@@ -307,6 +310,11 @@ class GraphTools:
     async def finish(self, outcome: Outcome) -> None:
         """Close the bag and write the report of the scan."""
         self.bag = await self._stop_recording()
+        last = max(self._link.headers)
+        # older recorders answer without the number
+        if self.bag.get('recorded', last) != last:
+            text = f'the bag ends with profile {self.bag["recorded"]} instead of {last}'
+            raise HelperError(_NOT_RECORDED, text)
         folder, bag = self.context.folder, self.bag
         self.picture_error = await self.in_thread(finish_scan, folder, outcome, bag)
 
@@ -317,21 +325,25 @@ class GraphTools:
     async def abort(self, outcome: Outcome) -> None:
         """Stop the table and close the bag as far as possible; never raises."""
         self._link.halt()
-        if self._services.has('turntable/stop'):
-            await self._log_error(self._services.trigger('turntable/stop', _ABORT_S))
-        if self._working and self._services.has(f'{self._working}/cancel'):
-            # otherwise the node is busy when the next scan starts
-            await self._log_error(self._services.trigger(f'{self._working}/cancel', _ABORT_S))
-        if 'triangulator' in self._watched and not self._link.watch.lost(['triangulator']):
+        # a working node: otherwise it is busy when the next scan starts
+        for node, service in (('turntable', 'stop'), (self._working, 'cancel')):
+            if not self._is_lost(node) and self._services.has(f'{node}/{service}'):
+                await self._log_error(self._services.trigger(f'{node}/{service}', _ABORT_S))
+        if 'triangulator' in self._watched and not self._is_lost('triangulator'):
             await self._log_error(self._stop_profiles())
         if self._recording:
-            error = await self._log_error(self._stop_recording())
+            error = await self._log_error(self._stop_recording(_ABORT_RECORDER_S))
             if error and outcome.code == _NOT_RECORDED:
                 outcome.detail = f'{outcome.detail}: {error}'
 
-    async def _stop_recording(self) -> Mapping[str, Any]:
+    def _is_lost(self, node: str) -> bool:
+        return not node or (node in self._watched and bool(self._link.watch.lost([node])))
+
+    async def _stop_recording(self, seconds: float = _STOP_RECORDER_S) -> Mapping[str, Any]:
         self._recording = False
-        return await self._services.trigger('recorder/stop', _STOP_RECORDER_S)
+        return await self._services.trigger(
+            'recorder/stop', seconds, lambda: self._link.watch.require_alive(['recorder'])
+        )
 
     async def _first_message(self, kind: type, topic: str, code: str) -> Any:
         got: list[Any] = []
@@ -350,8 +362,13 @@ class GraphTools:
 
     def _guard(self) -> None:
         self._machine.raise_if_cancelled()
+        if JOINTS in self._watched:
+            # before the silence that it causes
+            self._link.controller.require_ready()
         self._link.watch.require_alive(self._watched)
         self._link.require_unique_profiles()
+        if self._are_images_needed:
+            self._link.clocks.require_no_jump()
         seconds = self._link.unrecorded_s
         if self._recording and seconds > self.context.patience:
             raise HelperError(

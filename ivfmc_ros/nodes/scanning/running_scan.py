@@ -19,7 +19,7 @@ from ivfmc_ros.errors import ScanError
 from ivfmc_ros.nodes.framework.json_response import to_json
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
 from ivfmc_ros.nodes.scanning.graph_tools import GraphTools
-from ivfmc_ros.nodes.scanning.graph_tools import ScanContext
+from ivfmc_ros.nodes.scanning.scan_context import ScanContext
 from ivfmc_ros.scan import scan_folder
 from ivfmc_ros.scan.job import Outcome
 from ivfmc_ros.scan.job import run_job
@@ -161,9 +161,13 @@ class RunningScan:
         """Return the key-value pairs of ``scan_status``."""
         progress = self._progress
         result = self.result
+        stage = self.machine.stage
+        if result is not None and self.machine.running:
+            # the orchestrator ends before the scan
+            stage = Stage.FAILED
         return {
             'scan_id': self.scan_id,
-            'stage': str(self.machine.stage),
+            'stage': str(stage),
             'views_done': str(progress.views_done),
             'views_total': str(self.context.plan.views),
             'profiles_done': str(progress.profiles_done),
@@ -193,6 +197,7 @@ class RunningScan:
             'seconds': {name: round(s, 3) for name, s in outcome.seconds.items()},
             'registration': _without_code(outcome.registration),
             'mesh': _without_code(outcome.mesh),
+            'completeness': dict(outcome.completeness),
         }
         if outcome.detail:
             answer['detail'] = outcome.detail

@@ -15,6 +15,7 @@ from ivfmc_ros.meshing.io.export import FORMATS
 from ivfmc_ros.meshing.io.export import UNITS
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.scan import request as scan
+from ivfmc_ros.scan.completeness import CompletenessLimits
 from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.request import ScanRequest
 
@@ -37,11 +38,18 @@ class ScanParameters:
             **{field.name: self._node.get(field.name) for field in fields(MotionLimits)}
         )
 
+    def limits(self) -> CompletenessLimits:
+        """Return what a complete view has at least."""
+        return CompletenessLimits(
+            **{field.name: self._node.get(field.name) for field in fields(CompletenessLimits)}
+        )
+
 
 def declare_scan_parameters(node: CellNode) -> ScanParameters:
     """Declare all parameters of a scan; values that make no valid request are rejected."""
     _declare_request(node)
     _declare_motion(node)
+    _declare_completeness(node)
     _declare_cell(node)
     node.check(_require_request)
     node.check(
@@ -128,6 +136,33 @@ def _declare_motion(node: CellNode) -> None:
         'Seconds at constant speed before the first profile of a sweep and after the last.',
         low=0.05,
         high=10.0,
+    )
+
+
+def _declare_completeness(node: CellNode) -> None:
+    default = CompletenessLimits()
+    node.parameter(
+        'max_gap',
+        default.max_gap,
+        'Greatest difference in angle of neighboring profiles, in planned steps; missing angles '
+        'are taken again (continuous), else the scan ends as INCOMPLETE.',
+        low=1.5,
+        high=1e6,
+    )
+    node.parameter(
+        'min_profiles',
+        default.min_profiles,
+        'Least share of the planned profiles of a view; with fewer the scan ends as INCOMPLETE.',
+        low=0.0,
+        high=1.0,
+    )
+    node.parameter(
+        'min_stripe',
+        default.min_stripe,
+        'Least share of the profiles of a view that show the stripe; with fewer the scan ends as '
+        'INCOMPLETE.',
+        low=0.0,
+        high=1.0,
     )
 
 

@@ -24,6 +24,8 @@ from ivfmc_ros.model import View
 # A full turn may end with a gap of so many angle steps (lost steps of the table), and may overlap
 # its beginning by so many.
 _MAX_GAP_STEPS, _MAX_OVERLAP_STEPS = 4.0, 1.5
+# Neighboring profiles farther apart than this many median steps have profiles missing between.
+_MISSING_STEPS = 3.5
 # Points closer than this, meters, are duplicates.
 _DUPLICATE_DISTANCE = 1e-9
 
@@ -99,6 +101,20 @@ def is_full_turn(view: View) -> bool:
     gap = 2.0 * np.pi - (view.angles[-1] - view.angles[0])
     step = np.median(steps)
     return bool(-_MAX_OVERLAP_STEPS * step <= gap <= _MAX_GAP_STEPS * step)
+
+
+def angle_runs(view: View) -> list[tuple[float, float]]:
+    """Return the ranges of table angles, radians, in which no profiles are missing."""
+    steps = np.diff(view.angles)
+    if not steps.size:
+        return [(float(view.angles[0]), float(view.angles[-1]))]
+    last = np.flatnonzero(steps > _MISSING_STEPS * np.median(steps))
+    begins = np.concatenate([[0], last + 1])
+    ends = np.concatenate([last, [len(view.angles) - 1]])
+    return [
+        (float(view.angles[begin]), float(view.angles[end]))
+        for begin, end in zip(begins, ends, strict=True)
+    ]
 
 
 def spacing(view: View) -> float:

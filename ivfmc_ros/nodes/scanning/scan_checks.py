@@ -1,0 +1,46 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Compares what the nodes of the cell delivered for a scan with what its plan asked for."""
+
+from collections.abc import Sequence
+
+from ivfmc_ros.nodes.scanning.cell_link import CellLink
+from ivfmc_ros.scan.completeness import Completeness
+from ivfmc_ros.scan.completeness import CompletenessLimits
+from ivfmc_ros.scan.job import Outcome
+from ivfmc_ros.scan.plan import MotionLimits
+from ivfmc_ros.scan.plan import Plan
+from ivfmc_ros.scan.plan import Sweep
+
+_INCOMPLETE = 'INCOMPLETE'
+
+
+class ScanChecks:
+    """Completeness of one scan, by the headers of its profiles."""
+
+    def __init__(
+        self, link: CellLink, plan: Plan, motion: MotionLimits, limits: CompletenessLimits
+    ) -> None:
+        self._link = link
+        self._completeness = Completeness(plan, motion, limits)
+
+    def begin(self, sweep: Sweep) -> None:
+        """Note that a sweep is executed now."""
+        self._completeness.begin(sweep)
+
+    def retakes(self, sweep: Sweep) -> Sequence[Sweep]:
+        """Return the sweeps that take the missing angles of ``sweep`` again."""
+        return self._completeness.retakes(sweep, self._link.headers)
+
+    def judge(self, outcome: Outcome) -> None:
+        """Add what came to the outcome, and the code INCOMPLETE where it is not what was asked."""
+        headers = self._link.headers
+        registered = outcome.registration.get('views', ())
+        views = self._completeness.coverage(headers, registered)
+        outcome.completeness = {
+            'views': [view.as_dict() for view in views],
+            'images': self._completeness.lost_images(headers, self._link.info_stamps_ns),
+        }
+        incomplete = [view.why for view in views if view.why]
+        if incomplete:
+            outcome.mark(_INCOMPLETE, '; '.join(incomplete))

@@ -1,0 +1,35 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is fixed when a scan is accepted: its id, folder, request, plan and limits."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from ivfmc_ros.scan.completeness import CompletenessLimits
+from ivfmc_ros.scan.plan import MotionLimits
+from ivfmc_ros.scan.plan import Plan
+from ivfmc_ros.scan.request import ScanRequest
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanContext:
+    """
+    The constants of a running scan.
+
+    cell : path of cell.yaml
+    tolerance : of table positions, radians
+    patience : time-out of one profile, seconds
+    home : home the table first
+    limits : what a complete view has at least
+    """
+
+    scan_id: str
+    folder: Path
+    request: ScanRequest
+    plan: Plan
+    motion: MotionLimits
+    cell: Path
+    tolerance: float
+    patience: float
+    home: bool
+    limits: CompletenessLimits

@@ -1,0 +1,186 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+import math
+
+import pytest
+
+from ivfmc_ros.scan.completeness import Completeness
+from ivfmc_ros.scan.plan import after_position
+from ivfmc_ros.scan.plan import make_plan
+from ivfmc_ros.scan.plan import MotionLimits
+from ivfmc_ros.scan.request import ScanRequest
+from ivfmc_ros.storage.messages.profile_header import ProfileHeader
+
+MOTION = MotionLimits()
+TURN = 2.0 * math.pi
+PERIOD_NS = 100_000_000
+
+
+class Scan:
+    """A scan of which the images of some angles, degrees, do not come."""
+
+    def __init__(self, position=0.0, **values):
+        values = {'profiles': 200, 'lasers': ('left',), **values}
+        self.plan = make_plan(ScanRequest(**values), ('left', 'right'), MOTION, position)
+        self.completeness = Completeness(self.plan, MOTION)
+        self.headers = {}
+        self.infos = []
+        self.stamp_ns = 1_700_000_000_000_000_000
+        self.turns = None
+
+    def take(self, sweep, lost=(), points=50):
+        """Take a sweep; ``lost`` is a range of degrees from its planned start without images."""
+        self.completeness.begin(sweep)
+        step = sweep.span / sweep.profiles
+        lead = sweep.lead_angle(MOTION)
+        count = math.ceil((sweep.span + 2.0 * lead) / step) if sweep.velocity else sweep.profiles
+        for view in (view for view in sweep.views if view >= 0):
+            begin = sweep.start - lead
+            for index in [*([0] * 6 if lead else []), *range(count)]:
+                self.stamp_ns += PERIOD_NS
+                angle = begin + index * step
+                if lost and lost[0] <= math.degrees(angle - sweep.start) < lost[1]:
+                    continue
+                self.add(view, angle, points)
+
+    def add(self, view, angle, points):
+        if self.turns is None:
+            self.turns = TURN * round(angle / TURN)
+        seq = len(self.headers)
+        self.infos.append(self.stamp_ns)
+        self.headers[seq] = ProfileHeader(
+            seq=seq, view=view, laser=0, angle=angle - self.turns, points=points,
+            stamp_ns=self.stamp_ns,
+        )  # fmt: skip
+
+    def coverage(self, registered=()):
+        return self.completeness.coverage(self.headers, registered)
+
+
+@pytest.mark.parametrize('motion', ['step', 'continuous'])
+@pytest.mark.parametrize('position', [0.0, 40.0])
+@pytest.mark.parametrize('views', [1, 3])
+def test_scan_as_planned_is_complete(motion, position, views):
+    scan = Scan(position, motion=motion, views=views, overlap=0.2, lasers=('left', 'right'))
+    for sweep in scan.plan.sweeps:
+        scan.take(sweep)
+        assert scan.completeness.retakes(sweep, scan.headers) == []
+    found = scan.coverage()
+    assert [view.why for view in found] == [''] * (2 * views)
+    assert all(view.profiles >= view.planned for view in found)
+    assert sorted(view.view for view in found) == list(range(2 * views))
+
+
+def test_two_lost_images_in_a_row_are_no_hole():
+    scan = Scan()
+    scan.take(scan.plan.sweeps[0], lost=(90.0, 93.6))
+    (view,) = scan.coverage()
+    assert view.why == ''
+    assert math.degrees(view.largest_gap) == pytest.approx(5.4, abs=0.1)
+
+
+@pytest.mark.parametrize('lost', [(90.0, 184.0), (-10.0, 30.0), (330.0, 400.0)])
+def test_camera_that_stood_still_makes_the_scan_incomplete_with_its_angles(lost):
+    scan = Scan(position=20.0)
+    scan.take(scan.plan.sweeps[0], lost=lost)
+    (view,) = scan.coverage()
+    (hole,) = view.as_dict()['missing_deg']
+    assert hole == pytest.approx([max(lost[0], 0.0), min(lost[1], 360.0)], abs=2.0)
+    assert view.why.startswith('view 0 (laser left): no profiles from')
+
+
+def test_missing_angles_are_taken_again_as_a_view_of_its_own():
+    scan = Scan()
+    sweep = scan.plan.sweeps[0]
+    scan.take(sweep, lost=(90.0, 184.0))
+    (retake,) = scan.completeness.retakes(sweep, scan.headers)
+    assert retake.views == (1, -1)
+    begin = math.degrees(retake.start - sweep.start)
+    assert begin < 90.0
+    assert begin + math.degrees(retake.span) > 184.0
+    assert retake.span / retake.profiles == pytest.approx(sweep.span / sweep.profiles, rel=0.02)
+    scan.take(after_position(retake, MOTION, sweep.end(MOTION)))
+    assert scan.completeness.retakes(sweep, scan.headers) == []
+    (view,) = scan.coverage()
+    assert (view.why, view.retaken) == ('', (1,))
+
+
+def test_short_hole_is_taken_again_with_enough_profiles_for_the_motion_model():
+    scan = Scan()
+    scan.take(scan.plan.sweeps[0], lost=(90.0, 98.0))
+    (retake,) = scan.completeness.retakes(scan.plan.sweeps[0], scan.headers)
+    assert retake.profiles >= 20
+
+
+def test_many_holes_are_taken_again_in_one_sweep():
+    scan = Scan()
+    sweep = scan.plan.sweeps[0]
+    scan.take(sweep)
+    holes = (30.0, 100.0, 170.0, 240.0, 310.0)
+    start = (
+        math.degrees(sweep.start) if scan.turns is None else math.degrees(sweep.start - scan.turns)
+    )
+    scan.headers = {
+        seq: header
+        for seq, header in scan.headers.items()
+        if all(not hole <= math.degrees(header.angle) - start < hole + 9.0 for hole in holes)
+    }
+    (retake,) = scan.completeness.retakes(sweep, scan.headers)
+    assert math.degrees(retake.span) > 280.0
+
+
+def test_view_with_too_few_profiles_is_incomplete():
+    scan = Scan()
+    sweep = scan.plan.sweeps[0]
+    scan.take(sweep)
+    scan.headers = {seq: header for seq, header in scan.headers.items() if seq % 2}
+    (retake,) = scan.completeness.retakes(sweep, scan.headers)
+    assert retake.span == pytest.approx(sweep.span)
+    (view,) = scan.coverage()
+    assert 'of 200 profiles were received' in view.why
+
+
+def test_view_without_a_stripe_is_incomplete():
+    scan = Scan()
+    scan.take(scan.plan.sweeps[0], points=0)
+    (view,) = scan.coverage()
+    assert 'only 0.0 % of the profiles have a stripe' in view.why
+
+
+def test_all_profiles_at_one_angle_are_incomplete():
+    scan = Scan()
+    sweep = scan.plan.sweeps[0]
+    scan.completeness.begin(sweep)
+    for _ in range(218):
+        scan.stamp_ns += PERIOD_NS
+        scan.add(0, sweep.begin(MOTION), 50)
+    (view,) = scan.coverage()
+    assert view.as_dict()['missing_deg'] == [[0.0, 360.0]]
+
+
+def test_angles_that_the_registrar_dropped_make_the_scan_incomplete():
+    scan = Scan(position=20.0)
+    sweep = scan.plan.sweeps[0]
+    scan.take(sweep)
+    begin = sweep.start - scan.turns
+    whole = {'view': 0, 'runs': [[begin - 0.1, begin + TURN + 0.1]]}
+    assert scan.coverage([whole])[0].why == ''
+    half = {'view': 0, 'runs': [[begin - 0.1, begin + 2.0], [begin + 4.0, begin + TURN + 0.1]]}
+    (hole,) = scan.coverage([half])[0].missing
+    assert hole == pytest.approx((2.0, 4.0), abs=1e-6)
+    assert 'no profiles from 0.0 to 360.0' in scan.coverage([{'view': 7, 'runs': []}])[0].why
+
+
+def test_lost_images_of_a_sweep_are_counted():
+    scan = Scan()
+    scan.take(scan.plan.sweeps[0])
+    assert scan.completeness.lost_images(scan.headers, scan.infos) == {
+        'not_received': 0, 'not_taken': 0,
+    }  # fmt: skip
+    for seq in (50, 51, 90):
+        del scan.headers[seq]
+    assert scan.completeness.lost_images(scan.headers, scan.infos)['not_received'] == 3
+    stalled = Scan()
+    stalled.take(stalled.plan.sweeps[0], lost=(90.0, 108.0))
+    found = stalled.completeness.lost_images(stalled.headers, stalled.infos)
+    assert found == {'not_received': 0, 'not_taken': 10}
