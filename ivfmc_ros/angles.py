@@ -19,6 +19,9 @@ import yaml
 
 from ivfmc_ros import files
 from ivfmc_ros.errors import FileError
+from ivfmc_ros.file_kinds import ANGLES
+from ivfmc_ros.file_kinds import kind_of_file
+from ivfmc_ros.file_kinds import require_kind
 
 VERSION = 1
 
@@ -30,6 +33,7 @@ def load_angles(path: Path) -> dict[str, float]:
     :raises FileError: a key is missing or its value is no angle; names the file and the key
     """
     document = _read(path)
+    require_kind(path, document, ANGLES, FileError)
     unknown = [str(key) for key in document if key not in ('version', 'angles')]
     if unknown:
         raise FileError(f'{path}: unknown key {unknown[0]!r}; known are version, angles')
@@ -58,8 +62,12 @@ def _read(path: Path) -> dict[str, object]:
     try:
         document = yaml.safe_load(files.read_bytes(path))
     except yaml.YAMLError as error:
-        raise FileError(f'{path}: is not YAML: {error}') from error
+        what = kind_of_file(path)
+        reason = f'{what}; {ANGLES} is needed here' if what else f'not YAML: {error}'
+        raise FileError(f'{path}: is {reason}') from error
     if not isinstance(document, dict):
+        if kind := kind_of_file(path):
+            raise FileError(f'{path}: is {kind}; {ANGLES} is needed here')
         raise FileError(f'{path}: must be a mapping with the keys version and angles')
     return document
 

@@ -18,6 +18,9 @@ from ivfmc_ros.validation import require_one_of
 # Number of coefficients of each ROS distortion model (sensor_msgs/CameraInfo)
 DISTORTION_COEFFICIENTS = {'plumb_bob': 5, 'rational_polynomial': 8}
 
+# Numbers of coefficients that OpenCV knows; a shorter vector stands for one with zeros at its end.
+_OPENCV_COUNTS = (0, 4, 5, 8, 12, 14)
+
 # OpenCV stops after 5 iterations by default, which leaves 0.01 px at the edge of a strong lens.
 _TERMINATION = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
 # Greatest distance, in pixels, between a pixel and the projection of its ray.
@@ -132,6 +135,29 @@ class Camera:
                 f'{where}: the picture is {shape[1]} x {shape[0]}, the camera was calibrated '
                 f'at {self.width} x {self.height}; use pictures and calibration of one camera'
             )
+
+
+def complete_distortion(model: str, values: ArrayLike) -> Floats:
+    """
+    Return distortion coefficients with as many numbers as their model has.
+
+    OpenCV takes vectors of 4, 5, 8, 12 and 14 numbers, in which what is left out is zero.
+
+    :raises CellError: unknown model, another number of coefficients, or one is not zero that the
+        model does not have
+    """
+    require_one_of('distortion_model', model, DISTORTION_COEFFICIENTS, error=CellError)
+    given = np.asarray(values, dtype=np.float64).reshape(-1)
+    count = DISTORTION_COEFFICIENTS[model]
+    name = 'distortion_coefficients'
+    if not np.isfinite(given).all() or len(given) not in _OPENCV_COUNTS:
+        raise CellError(f'{name}: {model} has {count} finite numbers, there are {len(given)}')
+    if given[count:].any():
+        raise CellError(
+            f'{name}: {model} has {count} numbers; there are {len(given)}, of which '
+            f'{", ".join(f"{value:g}" for value in given[count:])} must be zero'
+        )
+    return np.concatenate([given, np.zeros(count)])[:count]
 
 
 def _cubic(k: Sequence[float] | Floats, square: Floats) -> tuple[Floats, Floats]:

@@ -9,11 +9,12 @@ import yaml
 
 from ivfmc_ros import files
 from ivfmc_ros.cell.camera import Camera
-from ivfmc_ros.cell.camera import DISTORTION_COEFFICIENTS
+from ivfmc_ros.cell.camera import complete_distortion
 from ivfmc_ros.cell.fields import YamlMapping
 from ivfmc_ros.errors import CellError
+from ivfmc_ros.file_kinds import CAMERA
+from ivfmc_ros.file_kinds import require_kind
 from ivfmc_ros.model import Floats
-from ivfmc_ros.validation import require_one_of
 
 
 def load_camera(path: Path) -> Camera:
@@ -23,16 +24,21 @@ def load_camera(path: Path) -> Camera:
     :raises CellError: a key is missing or has an impossible value; names the file and the key
     """
     fields = YamlMapping.read(path)
-    model = fields.text('distortion_model')
-    require_one_of(f'{path}: distortion_model', model, DISTORTION_COEFFICIENTS, error=CellError)
+    require_kind(path, fields.values, CAMERA)
+    if fields.has('fisheye_model') and fields.required('fisheye_model'):
+        raise fields.error('fisheye_model', 'must be 0; only pinhole cameras can be read')
     matrix = fields.mapping('camera_matrix').array('data', 9).reshape(3, 3)
-    distortion = fields.mapping('distortion_coefficients')
+    given = fields.mapping('distortion_coefficients').numbers('data')
+    # OpenCV's own files have no model; it follows from the number of coefficients
+    opencv_model = 'plumb_bob' if len(given) <= 5 else 'rational_polynomial'
+    is_opencv = fields.is_opencv and not fields.has('distortion_model')
+    model = opencv_model if is_opencv else fields.text('distortion_model')
     try:
         return Camera(
             width=fields.positive_integer('image_width'),
             height=fields.positive_integer('image_height'),
             K=matrix,
-            distortion=distortion.array('data', DISTORTION_COEFFICIENTS[model]),
+            distortion=complete_distortion(model, given),
             model=model,
             # YAML parses a serial number to an integer
             name=str(fields.required('camera_name')) if fields.has('camera_name') else 'camera',

@@ -23,6 +23,8 @@ from ivfmc_ros.cell.fields import YamlMapping
 from ivfmc_ros.cell.laser import Bow
 from ivfmc_ros.cell.laser import LaserPlane
 from ivfmc_ros.errors import CellError
+from ivfmc_ros.file_kinds import CELL
+from ivfmc_ros.file_kinds import require_kind
 
 _T = TypeVar('_T')
 
@@ -121,6 +123,7 @@ def load_draft(path: Path) -> CellDraft:
     :raises CellError: a key is unknown or impossible; names the file and the key
     """
     fields = YamlMapping.read(path)
+    require_kind(path, fields.values, CELL)
     fields.require_known_keys(*_TOP_KEYS)
     if fields.required('version') != _VERSION:
         raise fields.error('version', f'{fields.required("version")!r} is not {_VERSION}')

@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Typed access to YAML mappings; errors name the file, the key and the reason."""
 
+import codecs
 from collections.abc import Mapping
 from dataclasses import dataclass
+from dataclasses import replace
 from datetime import datetime
 import math
 from pathlib import Path
@@ -15,7 +17,38 @@ import yaml
 from ivfmc_ros import files
 from ivfmc_ros.errors import CellError
 from ivfmc_ros.errors import FileError
+from ivfmc_ros.file_kinds import kind_of_file
 from ivfmc_ros.model import Floats
+
+# First line of a file of OpenCV, in a form that YAML forbids; new versions write '%YAML 1.0'.
+_OPENCV_HEAD = b'%YAML:'
+# Type of its matrices.
+_OPENCV_MATRIX = b'!!opencv-matrix'
+
+
+class _OpenCvLoader(yaml.SafeLoader):
+    """Reads matrices of OpenCV as mappings with rows, cols, dt and data."""
+
+
+_OpenCvLoader.add_constructor(
+    'tag:yaml.org,2002:opencv-matrix',
+    lambda loader, node: dict(loader.construct_pairs(node, deep=True)),
+)
+
+
+def load_yaml(data: bytes) -> tuple[Any, bool]:
+    """
+    Parse a YAML file, with or without a byte-order mark, or a file of OpenCV.
+
+    returns : its document, and whether OpenCV wrote it
+    :raises yaml.YAMLError: it is neither
+    """
+    text = data.removeprefix(codecs.BOM_UTF8)
+    if _OPENCV_MATRIX not in text:
+        return yaml.safe_load(text), False
+    if text.startswith(_OPENCV_HEAD):
+        text = text.replace(b':', b' ', 1)
+    return yaml.load(text, Loader=_OpenCvLoader), True
 
 
 @dataclass(frozen=True)
@@ -24,10 +57,12 @@ class YamlMapping:
     A mapping of a YAML file.
 
     where : the file and the path of keys to the mapping, with which error messages begin
+    is_opencv : the file was written by OpenCV (``cv::FileStorage``)
     """
 
     where: str
     values: Mapping[str, Any]
+    is_opencv: bool = False
 
     @classmethod
     def read(cls, path: Path) -> 'YamlMapping':
@@ -37,12 +72,16 @@ class YamlMapping:
         :raises CellError: the file cannot be read, is not YAML, or is no mapping
         """
         try:
-            values = yaml.safe_load(files.read_bytes(path))
+            values, is_opencv = load_yaml(files.read_bytes(path))
         except FileError as error:
             raise CellError(str(error)) from error
         except yaml.YAMLError as error:
-            raise CellError(f'{path}: is not YAML: {error}') from error
-        return cls.of(str(path), values)
+            kind = kind_of_file(path)
+            reason = f'{kind}, a YAML file is needed here' if kind else f'not YAML: {error}'
+            raise CellError(f'{path}: is {reason}') from error
+        if not isinstance(values, dict) and (kind := kind_of_file(path)):
+            raise CellError(f'{path}: is {kind}, a YAML file is needed here')
+        return replace(cls.of(str(path), values), is_opencv=is_opencv)
 
     @classmethod
     def of(cls, where: str, values: object) -> 'YamlMapping':
@@ -121,6 +160,11 @@ class YamlMapping:
         if not isinstance(value, list) or len(value) != count:
             raise self.error(key, f'must be a list of {count} numbers')
         return np.array([self._number(key, item) for item in value])
+
+    def numbers(self, key: str) -> Floats:
+        """Return a flat list of finite numbers; :raises CellError: the value is none."""
+        value = self.required(key)
+        return self.array(key, len(value) if isinstance(value, list) else 0)
 
     def _number(self, key: str, value: object) -> float:
         # PyYAML implements YAML 1.1, in which 4e-5 without a decimal point is a text

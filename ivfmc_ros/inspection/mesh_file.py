@@ -2,13 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reading of mesh files for inspection. Mesh files have no unit; the caller states it."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+import os
 from pathlib import Path
+import sys
+import tempfile
+from typing import Any
+from typing import IO
 
 import numpy as np
 
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import GeometryError
+from ivfmc_ros.file_kinds import kind_of_file
 from ivfmc_ros.meshing.geometry import topology
 from ivfmc_ros.meshing.io.export import UNITS
 from ivfmc_ros.model import Floats
@@ -49,20 +57,20 @@ def read_mesh(path: Path, unit: str) -> MeshBody:
     :raises FileError: the file cannot be read, has an unknown format or no triangles
     :raises GeometryError: coordinates are not finite
     """
-    import open3d as o3d
-
     require_one_of('unit', unit, UNITS)
     if path.suffix.lower() not in SUFFIXES:
         known = ', '.join(SUFFIXES)
+        kind = kind_of_file(path)
         raise FileError(
-            f'{path}: {path.suffix!r} is not a supported mesh format; use one of {known}'
+            f'{path}: {f"is {kind}, no mesh" if kind else f"{path.suffix!r} is not a supported"}'
+            f'{"" if kind else " mesh format"}; use one of {known}'
         )
     if not path.is_file():
         raise FileError(f'{path}: file not found')
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        mesh = o3d.io.read_triangle_mesh(path)
-    if not len(mesh.triangles):
-        raise FileError(f'{path}: has no triangles, or is not a valid {path.suffix} file')
+    mesh, said = _read_triangles(path)
+    if said or not len(mesh.triangles):
+        reason = f'is damaged ({said})' if said else 'has no triangles'
+        raise FileError(f'{path}: {reason}, or is not a valid {path.suffix} file')
     vertices = np.asarray(mesh.vertices, dtype=np.float64)
     if not np.isfinite(vertices).all():
         raise GeometryError(f'{path}: has coordinates that are not finite')
@@ -76,6 +84,53 @@ def read_mesh(path: Path, unit: str) -> MeshBody:
     return MeshBody(
         vertices_xyz=unique / UNITS[unit], faces=faces[~degenerate], closed=closed, sigma=sigma
     )
+
+
+def _read_triangles(path: Path) -> tuple[Any, str]:
+    """
+    Read a mesh by Open3D.
+
+    Open3D chooses the format by the suffix in lower case only. Its PLY reader, RPly, prints what
+    is wrong with a file and keeps what it read before that.
+
+    returns : the mesh, and what the reader printed
+    """
+    import open3d as o3d
+
+    suffix = path.suffix.lower()
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as printed:
+        named = path
+        if suffix != path.suffix:
+            named = Path(folder) / f'mesh{suffix}'
+            named.symlink_to(path.absolute())
+        with _output_to(printed), o3d.utility.VerbosityContextManager(_quiet()):
+            mesh = o3d.io.read_triangle_mesh(named)
+        printed.seek(0)
+        text = printed.read().decode('utf-8', 'replace')
+    lines = (line.partition('RPly:')[2].strip() for line in text.splitlines())
+    return mesh, '; '.join(line for line in lines if line)
+
+
+def _quiet() -> Any:
+    import open3d as o3d
+
+    return o3d.utility.VerbosityLevel.Error
+
+
+@contextmanager
+def _output_to(stream: IO[bytes]) -> Iterator[None]:
+    """Let the process print to a file: a C library writes to the descriptors of the process."""
+    for output in (sys.stdout, sys.stderr):
+        output.flush()
+    kept = [os.dup(number) for number in (1, 2)]
+    try:
+        for number in (1, 2):
+            os.dup2(stream.fileno(), number)
+        yield
+    finally:
+        for number, handle in zip((1, 2), kept, strict=True):
+            os.dup2(handle, number)
+            os.close(handle)
 
 
 def read_sigma(path: Path) -> Floats | None:

@@ -11,6 +11,8 @@ from ivfmc_ros import files
 from ivfmc_ros.cell.fields import YamlMapping
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.file_kinds import NOISE
+from ivfmc_ros.file_kinds import require_kind
 from ivfmc_ros.stripe.noise import SensorNoise
 
 VERSION = 1
@@ -24,6 +26,7 @@ def load_noise(path: Path) -> SensorNoise:
     :raises FileError: a value is out of range
     """
     fields = YamlMapping.read(path)
+    require_kind(path, fields.values, NOISE)
     fields.require_known_keys('version', 'read', 'electrons_per_dn', 'speckle')
     if fields.positive_integer('version') != VERSION:
         raise fields.error('version', f'must be {VERSION}')

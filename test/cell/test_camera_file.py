@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import re
 
+import cv2
 import numpy as np
 import pytest
 from support.synthetic import small_camera
@@ -141,16 +142,20 @@ def test_missing_matrix_is_named(ost, key):
         ('508.90713', '2000.0', 'camera_matrix: the principal point lies outside'),
         ('2351.20712,    0.  ', '2351.20712,    0.5  ', 'camera_matrix: must be'),
         ('0.     ,    1.     ]', '1.     ]', 'camera_matrix: data: must be a list of 9'),
-        (', 0.000000]', ']', 'distortion_coefficients: data: must be a list of 5'),
-        (', 0.000000]', ', 0, 0, 0, 0]', 'distortion_coefficients: data: must be a list of 5'),
+        (', 0.000000]', ', x]', "distortion_coefficients: data: 'x' is not a finite"),
+        (
+            ', 0.000000]',
+            ', 0, 0]',
+            'distortion_coefficients: plumb_bob has 5 .* there are 6',
+        ),
+        (', 0.000000]', ', 0, 1, 0, 0]', 'distortion_coefficients: .* of which 1, 0, 0 must'),
         ('-0.051230', '.inf', 'distortion_coefficients: data: inf is not a finite'),
         ('plumb_bob', 'equidistant', "distortion_model: 'equidistant' is not one of"),
-        ('plumb_bob', 'rational_polynomial', 'distortion_coefficients: data: must be .* of 8'),
         ('1280', '0', 'image_width: must be a positive whole number'),
         ('1024', '1024.5', 'image_height: must be a positive whole number'),
         ('1024', 'true', 'image_height: must be a positive whole number'),
         ('camera_matrix:\n', 'camera_matrix: 3\nx:\n', 'camera_matrix: must be a mapping'),
-        ('image_width', '%YAML:1.0\nimage_width', 'is not YAML'),
+        ('image_width', '%YAML:2.0\nimage_width', 'is not YAML'),
         ('image_width', '- image_width', 'is not YAML'),
     ],
 )
@@ -167,7 +172,7 @@ def test_file_that_is_a_list_is_refused(tmp_path):
 
 def test_picture_in_place_of_the_file_is_refused(tmp_path):
     (tmp_path / 'a.yaml').write_bytes(b'\x89PNG\r\n\x1a\n\xff\xfe\x00')
-    with pytest.raises(CellError, match=r'a\.yaml: is not YAML'):
+    with pytest.raises(CellError, match=r'a\.yaml: is a PNG picture'):
         load_camera(tmp_path / 'a.yaml')
 
 
@@ -179,3 +184,46 @@ def test_missing_file_is_named(tmp_path):
 def test_missing_folder_is_named(tmp_path):
     with pytest.raises(FileError, match=r'camera\.yaml: cannot be written'):
         save_camera(tmp_path / 'none' / 'camera.yaml', small_camera())
+
+
+def opencv_file(path, coefficients, fisheye=0):
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write('calibration_time', 'Mon 01 Jan 2026')
+    storage.write('image_width', 640)
+    storage.write('image_height', 480)
+    storage.write('fisheye_model', fisheye)
+    storage.write('camera_matrix', np.array([[600.0, 0, 320], [0, 601, 240], [0, 0, 1]]))
+    storage.write('distortion_coefficients', np.array(coefficients).reshape(-1, 1))
+    storage.release()
+    return path
+
+
+@pytest.mark.parametrize(
+    ('coefficients', 'model'),
+    [
+        ([0.1, 0.2, 0.01, 0.02], 'plumb_bob'),
+        ([0.1, 0.2, 0.01, 0.02, 0.3], 'plumb_bob'),
+        ([0.1, 0.2, 0.01, 0.02, 0.3, 0.1, 0.1, 0.1, 0, 0, 0, 0], 'rational_polynomial'),
+    ],
+)
+def test_file_of_opencv_is_read(tmp_path, coefficients, model):
+    camera = load_camera(opencv_file(tmp_path / 'cv.yaml', coefficients))
+    assert (camera.size, camera.model, camera.K[1, 1]) == ((640, 480), model, 601.0)
+    count = min(len(coefficients), len(camera.distortion))
+    np.testing.assert_allclose(camera.distortion[:count], coefficients[:count])
+
+
+def test_fisheye_and_thin_prism_of_opencv_are_refused_by_name(tmp_path):
+    with pytest.raises(CellError, match='fisheye_model: must be 0'):
+        load_camera(opencv_file(tmp_path / 'a.yaml', [0.1, 0.2, 0.01, 0.02], fisheye=1))
+    with pytest.raises(CellError, match='rational_polynomial has 8 numbers'):
+        load_camera(opencv_file(tmp_path / 'b.yaml', [0.1] * 12))
+
+
+def test_byte_order_mark_is_ignored(tmp_path):
+    path = opencv_file(tmp_path / 'cv.yaml', [0.1, 0.2, 0.01, 0.02])
+    save_camera(tmp_path / 'ros.yaml', load_camera(path))
+    for name in ('cv.yaml', 'ros.yaml'):
+        marked = tmp_path / f'marked_{name}'
+        marked.write_bytes(b'\xef\xbb\xbf' + (tmp_path / name).read_bytes())
+        assert load_camera(marked).size == (640, 480)

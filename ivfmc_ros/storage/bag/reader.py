@@ -17,6 +17,7 @@ from mcap.records import Schema
 from mcap.stream_reader import StreamReader
 
 from ivfmc_ros.errors import BagError
+from ivfmc_ros.file_kinds import kind_of_file
 from ivfmc_ros.storage.bag.locate import find_files
 from ivfmc_ros.storage.bag.locate import is_unfinished
 from ivfmc_ros.storage.bag.summary import is_cut_off
@@ -246,7 +247,11 @@ def _require_mcap(file: Path) -> None:
     except OSError as error:
         raise BagError(f'{file}: cannot be read: {error.strerror or error}') from error
     if start != _MAGIC:
-        raise BagError(f'{file}: is not an MCAP file; name an .mcap file or a bag folder')
+        kind = kind_of_file(file)
+        raise BagError(
+            f'{file}: is not an MCAP file{f", but {kind}" if kind else ""}; name an .mcap file or '
+            'a bag folder'
+        )
 
 
 def _topics_of_index(file: Path) -> tuple[list[Topic] | None, str]:

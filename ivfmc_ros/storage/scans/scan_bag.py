@@ -159,8 +159,7 @@ def open_scan(
     positions = [message for message, _ in messages['joint_states']]
     joint_history = JointHistory.from_messages(positions, joint, where)
     ahead_s = _clock_offset_s(messages)
-    if not salvage:
-        _require_angles(joint_history, stamps, where, ahead_s)
+    _require_angles(joint_history, [] if salvage else stamps, where, ahead_s)
     matcher = FrameMatcher(
         lasers,
         replace(matching or MatchSettings(dark=dark), always_on=scan_topics.laser_states is None),
@@ -168,9 +167,8 @@ def open_scan(
         laser_history=_laser_history(bag, scan_topics, messages, lasers),
     )
     matches = _match(matcher, stamps)
-    headers = {header.stamp_ns: header for header in messages['profile'] if header is not None}
-    if headers and matching is None:
-        matches = [_as_recorded(match, headers.get(match.stamp_ns)) for match in matches]
+    if matching is None:
+        matches = _as_recorded_profiles(matches, messages['profile'])
     return ScanBag(
         path=path,
         camera=camera or _camera(bag, scan_topics, messages),
@@ -179,11 +177,7 @@ def open_scan(
         bag=bag,
         topics=scan_topics,
         matches=tuple(matches),
-        remarks=(
-            *bag.remarks,
-            *(f'{where}: {remark}' for remark in joint_history.remarks(joint)),
-            *_clock_remark(ahead_s, where),
-        ),
+        remarks=(*bag.remarks, *_table_remarks(joint_history.remarks(joint), ahead_s, where)),
     )
 
 
@@ -251,10 +245,9 @@ def _clock_offset_s(messages: Mapping[str, list[Any]]) -> float:
     return float(median(images) - median(table)) / cdr.NANOSECONDS
 
 
-def _clock_remark(ahead_s: float, where: str) -> tuple[str, ...]:
-    if abs(ahead_s) <= MAX_CLOCK_OFFSET_S:
-        return ()
-    return (f'{where}: {_clock_text(ahead_s)}',)
+def _table_remarks(remarks: Sequence[str], ahead_s: float, where: str) -> list[str]:
+    differ = abs(ahead_s) > MAX_CLOCK_OFFSET_S
+    return [f'{where}: {text}' for text in (*remarks, *([_clock_text(ahead_s)] if differ else []))]
 
 
 def _clock_text(ahead_s: float) -> str:
@@ -280,6 +273,15 @@ def _require_angles(
         f'{_stamp_text(outside[0])}; record joint_states from before the first image to the '
         'last'
     )
+
+
+def _as_recorded_profiles(
+    matches: list[FrameMatch], profiles: Sequence[ProfileHeader | None]
+) -> list[FrameMatch]:
+    headers = {header.stamp_ns: header for header in profiles if header is not None}
+    if not headers:
+        return matches
+    return [_as_recorded(match, headers.get(match.stamp_ns)) for match in matches]
 
 
 def _as_recorded(match: FrameMatch, header: ProfileHeader | None) -> FrameMatch:

@@ -244,6 +244,37 @@ def _with_info(tmp_path, camera, make_image, **changes):
     return tmp_path / 'bag'
 
 
+def _roi(**values):
+    fields = {'x_offset': 0, 'y_offset': 0, 'height': 0, 'width': 0, 'do_rectify': False}
+    return cdr.message('sensor_msgs/msg/RegionOfInterest', **{**fields, **values})
+
+
+def test_region_and_binning_of_camera_info_are_applied_to_the_camera(tmp_path, camera, make_image):
+    roi = _roi(x_offset=8, y_offset=4, width=48, height=40)
+    folder = _with_info(tmp_path, camera, make_image, roi=roi, binning_x=2, binning_y=1)
+    found = open_scan(folder).camera
+    assert found.size == (24, 40)
+    # REP 104: (K - offset) / binning
+    assert (found.K[0, 0], found.K[0, 2]) == (45.0, (31.5 - 8) / 2)
+    assert (found.K[1, 1], found.K[1, 2]) == (91.0, 23.5 - 4)
+    np.testing.assert_array_equal(found.distortion, camera.distortion)
+
+
+@pytest.mark.parametrize(
+    ('model', 'count', 'expected'),
+    [('plumb_bob', 4, 5), ('plumb_bob', 14, 5), ('rational_polynomial', 5, 8)],
+)
+def test_distortion_vector_of_opencv_is_completed(
+    tmp_path, camera, make_image, model, count, expected
+):
+    d = np.zeros(count)
+    d[:4] = [-0.1, 0.02, 0.001, -0.002]
+    folder = _with_info(tmp_path, camera, make_image, d=d, distortion_model=model)
+    found = open_scan(folder).camera
+    assert (found.model, len(found.distortion)) == (model, expected)
+    np.testing.assert_array_equal(found.distortion[:4], d[:4])
+
+
 def test_camera_info_may_omit_the_distortion(tmp_path, camera, make_image):
     folder = _with_info(tmp_path, camera, make_image, d=np.empty(0), distortion_model='')
     assert open_scan(folder).camera.distortion.tolist() == [0] * 5
@@ -254,7 +285,11 @@ def test_camera_info_may_omit_the_distortion(tmp_path, camera, make_image):
     [
         ({'k': np.zeros(9)}, 'focal lengths must be positive'),
         ({'distortion_model': 'equidistant'}, "'equidistant' is not one of"),
-        ({'d': np.ones(4)}, 'plumb_bob has 5 finite numbers'),
+        ({'d': np.ones(3)}, 'plumb_bob has 5 finite numbers, there are 3'),
+        ({'d': np.ones(8)}, 'of which 1, 1, 1 must be zero'),
+        ({'roi': _roi(x_offset=4)}, r'roi: has an offset \(4, 0\), but no width'),
+        ({'roi': _roi(x_offset=40, width=40, height=48)}, r'roi: 40 x 48 at \(40, 0\) does not'),
+        ({'roi': _roi(x_offset=40, width=24, height=48)}, 'with roi and binning applied, camera'),
         ({'width': 0}, 'is not positive'),
     ],
 )
