@@ -42,6 +42,8 @@ from ivfmc_ros.registration.misfit import Misfit
 from ivfmc_ros.registration.self_calibration.parameters import require_groups
 from ivfmc_ros.registration.self_calibration.refine import refine
 from ivfmc_ros.registration.self_calibration.refine import RefinementResult
+from ivfmc_ros.registration.slip import check_registration
+from ivfmc_ros.registration.slip import TableCheck
 from ivfmc_ros.registration.views import assemble as sweeps
 from ivfmc_ros.registration.views.motion_fit import refit
 from ivfmc_ros.registration.views.motion_fit import SweepMotion
@@ -98,6 +100,7 @@ class Reconstruction:
     seconds : duration of each stage
     misfit : distance between the surfaces that the lasers see; None if they share none
     clipping : how the working volume cuts the part; None if it does not, or without pictures
+    table : whether lost steps of the table were found; None for several scans
     refined : self-calibration of the cell; None if it was not requested
     merged : how several scans were merged; None for a single scan
     """
@@ -113,6 +116,7 @@ class Reconstruction:
     seconds: dict[str, float]
     misfit: Misfit | None = None
     clipping: Clipping | None = None
+    table: TableCheck | None = None
     refined: RefinementResult | None = None
     merged: Merged | None = None
 
@@ -218,6 +222,7 @@ def _reconstruct(
             cell, views = refined.cell, refined.views
         poses, verdicts = register_views(views, settings)
         misfit = laser_misfit(views, poses)
+        table = check_registration(views, poses, verdicts)
     with watch.stage('meshing'):
         progress('meshing', 0, 1)
         mesh, used = mesh_views(cell, views, poses, settings)
@@ -234,6 +239,7 @@ def _reconstruct(
         counts=counts,
         seconds=watch.seconds,
         misfit=misfit,
+        table=table,
         refined=refined,
     )
 
@@ -246,13 +252,17 @@ def register_clamping(
 
     name : of the scan, for messages
     :raises NoStripeError: no profile has a point
+    :raises GeometryError: the table slipped during the scan
     """
     _require_stripe(profiles)
     views, _, _ = assemble_views(cell, profiles, settings)
     if settings.refine:
         refined = refine(cell, views, settings.refine)
         cell, views = refined.cell, refined.views
-    poses, _ = register_views(views, settings)
+    poses, verdicts = register_views(views, settings)
+    table = check_registration(views, poses, verdicts)
+    if table.code == 'SLIPPED':
+        raise GeometryError(f'{name}: {table.detail}')
     return Clamping(name=name, cell=cell, views=views, poses=poses)
 
 

@@ -65,6 +65,10 @@ def write_results(
             'mesh': mesh_figures(made.mesh),
             'residuals': json_report.residuals(cell, made.views, made.verdicts),
         }
+        if made.table is not None:
+            document['code'] = 'OK' if made.table.code == 'UNCHECKED' else made.table.code
+            document['detail'] = made.table.detail
+            document['table'] = asdict(made.table)
         if made.clipping is not None:
             document['volume'] = asdict(made.clipping)
         if made.misfit is not None:

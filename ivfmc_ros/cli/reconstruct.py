@@ -20,6 +20,7 @@ from ivfmc_ros.cli.support.source import bag_of
 from ivfmc_ros.cli.support.source import BagOptions
 from ivfmc_ros.cli.support.source import read_scan
 from ivfmc_ros.cli.support.source import source_options
+from ivfmc_ros.errors import HelperError
 from ivfmc_ros.pipeline import reconstruct as run
 from ivfmc_ros.pipeline import reconstruct_profiles
 from ivfmc_ros.pipeline import Reconstruction
@@ -74,6 +75,17 @@ def reconstruct(
         print_json(document)
     else:
         say(output, document)
+    require_right(document)
+
+
+def require_right(document: Mapping[str, Any]) -> None:
+    """
+    Accept a result whose views agree.
+
+    :raises HelperError: they do not; the files are kept
+    """
+    if document.get('code', 'OK') != 'OK':
+        raise HelperError(document['code'], f'{document["code"]}: {document["detail"]}')
 
 
 def _measure(scan: ScanBag, cell: Cell, settings: Settings) -> Reconstruction:
@@ -109,6 +121,8 @@ def say(output: Path, document: Mapping[str, Any]) -> None:
             f'{name} to CAD: rms {figures["rms"] * 1e3:.4f} mm, '
             f'95 % within {figures["p95"] * 1e3:.4f} mm'
         )
+    if document.get('table', {}).get('code') == 'UNCHECKED':
+        stdout.print(f'not checked: {document["detail"]}')
     for subject in ('volume', 'lasers'):
         if advice := document.get(subject, {}).get('advice'):
             stdout.print(advice)

@@ -28,8 +28,10 @@ from ivfmc_ros.errors import StateError
 from ivfmc_ros.meshing.io.export import FORMATS
 from ivfmc_ros.scan.request import MOTIONS
 
-# A node that answers nothing for so long is gone.
-_SILENCE_S = 20.0
+# Seconds after which a status has to come, at the latest with the result.
+_STATUS_S = 20.0
+# Seconds without a heartbeat of the orchestrator after which it is gone.
+_SILENCE_S = 5.0
 
 
 @click.command()
@@ -97,7 +99,7 @@ def run_scan(
     with ScanBar() as show, interrupted() as ending:
         cancelled = False
         while (result := result_of(client.status, scan_id)) is None:
-            client.until(_changed(client), _SILENCE_S, 'scan_status')
+            client.until(_changed(client), _STATUS_S, 'scan_status')
             check()
             show(client.status)
             if ending.is_set() and not cancelled:
@@ -119,7 +121,17 @@ def _cancel(client: CellClient) -> None:
 
 def _changed(client: CellClient) -> Callable[[], bool]:
     before = client.status
-    return lambda: client.status is not before
+
+    def changed() -> bool:
+        if client.silent_s > _SILENCE_S:
+            raise HelperError(
+                'ORCHESTRATOR_LOST',
+                f'the orchestrator gives no heartbeat for {client.silent_s:.0f} s: it ended '
+                'without a word, or the network is down; the scan folder keeps what was taken',
+            )
+        return client.status is not before
+
+    return changed
 
 
 class ScanBar:
@@ -174,6 +186,8 @@ def say(result: dict[str, Any]) -> None:
         f'scan {result["scan_id"]}: {counts["profiles"]} profiles in {counts["views"]} view(s), '
         f'{counts["points"]} points, {seconds:.1f} s',
     )
+    if result.get('detail'):
+        stdout.print(result['detail'])
     for name, path in result['files'].items():
         if not name.endswith(('.json', '.yaml')) or name == 'report.json':
             stdout.print(path, soft_wrap=True)

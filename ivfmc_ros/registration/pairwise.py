@@ -89,6 +89,7 @@ def _register(
         rotation=float(np.arccos(cosine)),
         translation=float(np.linalg.norm(T[:3, 3])),
         converged=result.converged,
+        failed=result.overlap >= _MIN_OVERLAP and not result.converged,
     )
     return verdict, T if verdict.applied else np.eye(4)
 

@@ -231,6 +231,7 @@ class _JointRegistration:
             sigmas=sigmas,
             weakest=weakest,
             free=free,
+            failed=self._has_failed(result, new, sigmas),
         )
 
     def _rejection(
@@ -250,6 +251,12 @@ class _JointRegistration:
             ),
         )
         return next((f'table pose kept: {why}' for fails, why in tests if fails), '')
+
+    def _has_failed(self, result: RegistrationResult, new: FitQuality, sigmas: float) -> bool:
+        """Return whether a difference between the views remains that must not pass unnoticed."""
+        if new.overlap < MIN_OVERLAP or not self.prior.sigma.any():
+            return False
+        return not result.converged or sigmas > _MAX_SIGMAS
 
 
 def is_significant(solution: Solution) -> bool:

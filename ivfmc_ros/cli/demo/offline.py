@@ -9,6 +9,7 @@ from ivfmc_ros import files
 from ivfmc_ros.cell.camera_file import save_camera
 from ivfmc_ros.cell.cell_file import load_draft
 from ivfmc_ros.cell.cell_file import save_cell
+from ivfmc_ros.cli.reconstruct import require_right
 from ivfmc_ros.cli.reconstruct import say
 from ivfmc_ros.cli.support.output import console
 from ivfmc_ros.cli.support.progress import progress_bars
@@ -57,3 +58,4 @@ def run_offline(output: Path, steps: int, speckle: float, seed: int, **options: 
         document = write_results(folder / 'result', recorded, made, 'bag', scan.skipped, nominal)
     console().print(f'nominal part: {output / "nominal.stl"}', soft_wrap=True)
     say(output / 'result', document)
+    require_right(document)

@@ -32,6 +32,7 @@ class Verdict:
     rotation, translation : radians and meters of the correction that was found
     inliers : share of the correspondences within three robust deviations
     sigmas : largest component of the correction, in prior standard deviations
+    failed : the views differ, but no acceptable correction was found
     weakest : the motion that the shared surface constrains least
     free : how many of the six motions the data do not determine better than the prior
     """
@@ -49,6 +50,7 @@ class Verdict:
     sigmas: float = 0.0
     weakest: str = ''
     free: int = 6
+    failed: bool = False
 
     @property
     def checked(self) -> bool:

@@ -1,0 +1,289 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Check for lost steps: overlap of a sweep with itself and of the lasers, by table angle.
+
+Every view is split into sections of the sweep, and each surfel is compared with the sections that
+measured the same place at another time. After a slip the late sections fit the early ones only
+when they are rotated about the axis. The check searches the moment and the size that fit best: a
+slip is found if it brings surfels together that contradict each other without it. A sweep of more
+than a turn measures its beginning again; where this does not fit at any rotation, the size of the
+slip is unknown.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from dataclasses import replace
+import math
+
+import numpy as np
+
+from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Poses
+from ivfmc_ros.model import View
+from ivfmc_ros.registration.sections import compare_at
+from ivfmc_ros.registration.sections import Comparison
+from ivfmc_ros.registration.sections import Section
+from ivfmc_ros.registration.sections import Sections
+from ivfmc_ros.registration.sections import split_sections
+from ivfmc_ros.registration.solver.verdict import Verdict
+
+# Largest slip whose size is found, radians.
+_MAX_SLIP = math.radians(32.0)
+# Steps of the searched rotation, radians, and the tolerance of the distance of two surfels,
+# meters: a part of 50 mm radius moves by less than the tolerance between two steps.
+_COARSE_STEP, _COARSE_TOLERANCE = math.radians(1.0), 6e-4
+_COARSE_STRIDE = 3
+_FINE_STEP, _FINE_TOLERANCE = math.radians(0.1), 1.2e-4
+# The fine search covers slips up to this size, and this range about the result of the coarse one.
+_FINE_RANGE, _FINE_MARGIN = math.radians(1.5), math.radians(1.0)
+# A slip must bring so many surfels together: this share of those that it moves along their normal,
+# at least the first number, and at most this share of a view. Chosen on the box and the plate of
+# test/registration/test_slip.py.
+_MIN_GAIN, _MIN_GAIN_SHARE, _MAX_GAIN_SHARE = 12.0, 0.06, 0.012
+# A surfel shows a rotation if its normal passes the axis at this distance, meters.
+_MIN_ARM = 1e-3
+# A smaller slip is within the periodic error of a table and the error of a calibration, radians.
+_MIN_SLIP = math.radians(0.25)
+# A boundary is checked if a slip of this size, radians, would part so many surfels.
+_TEST_SLIP, _MIN_LOSS = math.radians(1.0), 10.0
+# Profiles farther apart, radians, give surfels whose error looks like a slip: the demo part with
+# 40 profiles a turn.
+_MAX_STEP = math.radians(5.0)
+# A scan of which a slip at a larger share of the boundaries would not show is unchecked.
+_MAX_UNCHECKED = 0.5
+# A part is round if a rotation by this angle, radians, parts a smaller share of its surfels.
+_ROUND_TEST, _ROUND_SHARE = math.radians(3.0), 0.01
+# Of the surfels that were measured a whole turn later again, so many must fit.
+_MIN_CLOSURE = 0.5
+# Least surfels at the closure.
+_MIN_CLOSURE_SURFELS = 30
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableCheck:
+    """
+    Result of the check for lost steps.
+
+    code : 'OK'; 'SLIPPED'; 'NOT_CONVERGED' where the registration found a difference between the
+        views that it could not correct; 'UNCHECKED' where nothing would show a slip
+    detail : what was found
+    size : radians by which the table lags the reported angle after the slip; NaN if unknown
+    view : number of the view in which it slipped; -1 without a slip
+    angle_from, angle_to : reported table angles, radians, between which it slipped
+    compared : share of the surfels that were measured at several times
+    round : the part is a solid of revolution about the axis, whose shape a slip does not change
+    """
+
+    code: str
+    detail: str
+    size: float = 0.0
+    view: int = -1
+    angle_from: float = float('nan')
+    angle_to: float = float('nan')
+    compared: float = 0.0
+    round: bool = False
+
+
+def check_registration(
+    views: Sequence[View], poses: Poses, verdicts: Sequence[Verdict]
+) -> TableCheck:
+    """Return whether the registered views agree: the check for lost steps, and the verdicts."""
+    found = check_table(views, poses)
+    failed = [verdict for verdict in verdicts if verdict.failed]
+    if found.code == 'SLIPPED' or not failed:
+        return found
+    kept = ', '.join(f'view {verdict.view}: {verdict.why}' for verdict in failed)
+    return replace(
+        found,
+        code='NOT_CONVERGED',
+        detail=f'the registration found no poses at which the views agree ({kept}); check that '
+        'the part stands firmly and the calibration is valid, then scan again',
+    )
+
+
+def check_table(views: Sequence[View], poses: Poses) -> TableCheck:
+    """
+    Check whether the table lost steps in or between the sweeps.
+
+    poses : corrections that the registration applied
+    """
+    registered = split_sections(views, poses)
+    if registered is None or len(registered.items) < 2:
+        return TableCheck(code='UNCHECKED', detail='no view has a surface')
+    if any(len(view.angles) > 1 and _step(view) > _MAX_STEP for view in views):
+        detail = (
+            'lost steps of the table would not show: the profiles are more than '
+            f'{math.degrees(_MAX_STEP):.0f} degrees apart; take more profiles'
+        )
+        return TableCheck(code='UNCHECKED', detail=detail)
+    check = _Check(registered)
+    found = check.run()
+    if found.code != 'SLIPPED' or not math.isfinite(found.size) or _is_identity(poses):
+        return found
+    # the registration shares a slip between the views: measured again at the table's poses
+    unmoved = split_sections(views, Poses.identity(len(views)))
+    again = _Check(unmoved).run() if unmoved is not None else found
+    return again if again.code == 'SLIPPED' else found
+
+
+def _step(view: View) -> float:
+    """Return the median angle between the profiles of a view, radians."""
+    return float(np.median(np.diff(view.angles)))
+
+
+def _is_identity(poses: Poses) -> bool:
+    return bool(np.allclose(poses.turntable_from_view, np.eye(4), atol=1e-12))
+
+
+class _Check:
+    """Search for the slip that fits best."""
+
+    def __init__(self, sections: Sections) -> None:
+        self._sections = sections
+        self._now = compare_at(sections, np.zeros(1), _FINE_TOLERANCE)
+        self._boundaries = np.arange(1, len(sections.items))
+
+    def run(self) -> TableCheck:
+        """Return what the overlaps tell about the table."""
+        compared = float((self._now.fit[:, 0] > 0).mean()) if len(self._now.own) else 0.0
+        found = TableCheck(code='OK', detail='', compared=compared, round=self._is_round())
+        row, size, gain = self._best()
+        if gain >= self._least_gain(row) and abs(size) >= _MIN_SLIP:
+            return self._slipped(found, size, self._between(size, gain))
+        lost = self._failed_closure()
+        if lost is not None:
+            return self._slipped(found, float('nan'), lost)
+        if found.round and compared > 0:
+            detail = 'the part is round about the axis: a slip neither shows nor changes its shape'
+            return replace(found, detail=detail)
+        if self._unchecked() > _MAX_UNCHECKED:
+            detail = (
+                'lost steps of the table would not show: no surface that shows a rotation was '
+                'measured at two times; use two lasers, or a sweep of more than a turn (overlap)'
+            )
+            return replace(found, code='UNCHECKED', detail=detail)
+        return found
+
+    def _least_gain(self, row: int) -> float:
+        """Return the gain, in surfels, above which a slip at a boundary is significant."""
+        boundary, now = self._boundaries[row], self._now
+        crossing = (now.other[:, 0] >= 0) & (
+            (now.own >= boundary) != (now.other[:, 0] >= boundary)
+        )
+        moved = np.count_nonzero(crossing & (self._sections.arms > _MIN_ARM))
+        most = max(_MIN_GAIN, _MAX_GAIN_SHARE * self._sections.largest_view)
+        return float(np.clip(_MIN_GAIN_SHARE * moved, _MIN_GAIN, most))
+
+    def _best(self) -> tuple[int, float, float]:
+        """Return boundary, size (radians) and gain of the slip that fits best."""
+        coarse = _grid(_MAX_SLIP, _COARSE_STEP)
+        gains = self._gains(coarse, _COARSE_TOLERANCE, _COARSE_STRIDE)
+        size = float(coarse[gains.max(axis=0).argmax()])
+        around = _grid(_FINE_RANGE, _FINE_STEP)
+        if abs(size) > _COARSE_STEP:
+            near = abs(size) + _grid(_FINE_MARGIN, _FINE_STEP)
+            around = np.concatenate([around, near, -near])
+        fine = np.unique(np.round(around, 6))
+        self._fine, self._fine_gains = fine, self._gains(fine, _FINE_TOLERANCE)
+        row, column = np.unravel_index(self._fine_gains.argmax(), self._fine_gains.shape)
+        return int(row), float(fine[column]), float(self._fine_gains[row, column])
+
+    def _gains(self, sizes: Floats, tolerance: float, stride: int = 1) -> Floats:
+        """
+        Return the gain of each slip, in surfels that fit, (boundaries, sizes).
+
+        sizes : radians, ascending and symmetric about 0
+
+        Only surfels that meet the other side of the boundary without the slip count: a rotation
+        that covers more of the part is no evidence.
+        """
+        now = compare_at(self._sections, np.zeros(1), tolerance, stride)
+        # late surfels rotate by the slip, early ones by its inverse
+        turned = compare_at(self._sections, sizes, tolerance, stride)
+        back = replace(turned, other=turned.other[:, ::-1], fit=turned.fit[:, ::-1])
+        gains = np.zeros((len(self._boundaries), len(sizes)))
+        for row, boundary in enumerate(self._boundaries.tolist()):
+            for moved, late in ((turned, True), (back, False)):
+                gains[row] += _gain(now, moved, boundary, late)
+        return gains
+
+    def _between(self, size: float, gain: float) -> tuple[Section, Section]:
+        """Return the sections before and after the range of boundaries that fit equally well."""
+        column = int(np.argmin(np.abs(self._fine - size)))
+        likely = np.flatnonzero(self._fine_gains[:, column] >= 0.97 * gain)
+        items = self._sections.items
+        first = int(self._fine_gains[:, column].argmax())
+        same = likely[
+            [
+                items[self._boundaries[k]].view == items[self._boundaries[first]].view
+                for k in likely
+            ]
+        ]
+        return items[self._boundaries[same[0]] - 1], items[self._boundaries[same[-1]]]
+
+    def _failed_closure(self) -> tuple[Section, Section] | None:
+        """Return first and last section of a sweep whose end does not fit its beginning."""
+        for view in sorted({item.view for item in self._sections.items}):
+            twins = self._sections.repeated(view)
+            mine = np.isin(self._now.own, twins)
+            if np.count_nonzero(mine) < _MIN_CLOSURE_SURFELS:
+                continue
+            if np.mean(self._now.fit[mine, 0] > 0) < _MIN_CLOSURE:
+                items = [item for item in self._sections.items if item.view == view]
+                return items[0], items[-1]
+        return None
+
+    def _unchecked(self) -> float:
+        """Return the share of the boundaries at which a slip would not show."""
+        losses = -self._gains(np.array([-_TEST_SLIP, _TEST_SLIP]), _FINE_TOLERANCE).max(axis=1)
+        return float(np.mean(losses < _MIN_LOSS)) if len(losses) else 1.0
+
+    def _is_round(self) -> bool:
+        sides = compare_at(
+            self._sections, np.array([0.0, -_ROUND_TEST, _ROUND_TEST]), _FINE_TOLERANCE, own=True
+        )
+        still, *turned = (sides.fit > 0).sum(axis=0)
+        return bool(min(turned) >= (1.0 - _ROUND_SHARE) * still)
+
+    def _slipped(
+        self, found: TableCheck, size: float, between: tuple[Section, Section]
+    ) -> TableCheck:
+        before, after = between
+        number = self._sections.numbers[after.view]
+        begin = before.angle_from if before.view == after.view else after.angle_from
+        where = (
+            f'view {number}, at table angles of {math.degrees(begin):.0f} to '
+            f'{math.degrees(after.angle_to):.0f} degrees'
+        )
+        how = (
+            f'by {math.degrees(size):+.2f} degrees'
+            if math.isfinite(size)
+            else 'by an unknown angle: the end of the sweep does not fit its beginning'
+        )
+        return replace(
+            found,
+            code='SLIPPED',
+            detail=f'the table or the part slipped {how} ({where}); check motor current, '
+            'acceleration, coupling and clamping, then scan again',
+            size=size,
+            view=number,
+            angle_from=begin,
+            angle_to=after.angle_to,
+        )
+
+
+def _grid(extent: float, step: float) -> Floats:
+    count = round(extent / step)
+    return np.asarray(step * np.arange(-count, count + 1))
+
+
+def _gain(now: Comparison, moved: Comparison, boundary: int, late: bool) -> Floats:
+    """Return (sizes,) how many more surfels of one side of a boundary fit when they are moved."""
+    mine = (now.own >= boundary) == late
+    crossing = mine & (now.other[:, 0] >= 0) & ((now.other[:, 0] >= boundary) != late)
+    if not crossing.any():
+        return np.zeros(moved.fit.shape[1])
+    other, fit = moved.other[crossing], moved.fit[crossing]
+    across = (other >= 0) & ((other >= boundary) != late)
+    return np.asarray(np.where(across, fit, 0.0).sum(axis=0) - now.fit[crossing, 0].sum())
