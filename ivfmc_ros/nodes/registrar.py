@@ -212,6 +212,7 @@ class Registrar(CellNode):
             'verdicts': [asdict(verdict) for verdict in made.verdicts],
             'motions': [asdict(motion) for motion in made.motions],
             'lasers': asdict(made.misfit) if made.misfit else None,
+            'table': asdict(made.table),
             'counts': made.counts,
             'seconds': made.seconds,
         }

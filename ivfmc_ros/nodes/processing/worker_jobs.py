@@ -29,6 +29,8 @@ from ivfmc_ros.registration.merge.merge import merge
 from ivfmc_ros.registration.merge.merge import require_several
 from ivfmc_ros.registration.misfit import laser_misfit
 from ivfmc_ros.registration.misfit import Misfit
+from ivfmc_ros.registration.slip import check_registration
+from ivfmc_ros.registration.slip import TableCheck
 from ivfmc_ros.registration.views.motion_fit import SweepMotion
 from ivfmc_ros.results import merge_report
 from ivfmc_ros.stopwatch import Stopwatch
@@ -40,6 +42,7 @@ class RegisteredViews:
     """
     Views with their poses, and how they were found.
 
+    table : whether lost steps of the table were found
     counts : of profiles, views and points; seconds : duration of each step
     """
 
@@ -48,6 +51,7 @@ class RegisteredViews:
     verdicts: list[Verdict]
     motions: list[SweepMotion]
     misfit: Misfit | None
+    table: TableCheck
     counts: dict[str, int]
     seconds: dict[str, float]
 
@@ -89,12 +93,14 @@ def register(
     with watch.stage('registration'):
         poses, verdicts = pipeline.register_views(views, settings)
         misfit = laser_misfit(views, poses)
+        table = check_registration(views, poses, verdicts)
     return RegisteredViews(
         views=views,
         poses=poses,
         verdicts=verdicts,
         motions=motions,
         misfit=misfit,
+        table=table,
         counts={'profiles': len(profiles), 'views': len(views), **counts},
         seconds=watch.seconds,
     )
