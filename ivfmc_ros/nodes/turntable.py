@@ -22,6 +22,7 @@ from trajectory_msgs.msg import JointTrajectory
 from ivfmc_ros.devices.beam import BeamInterlock
 from ivfmc_ros.devices.beam import BeamSettings
 from ivfmc_ros.devices.controller import ControllerState
+from ivfmc_ros.devices.controller import fault_code
 from ivfmc_ros.devices.grbl.controller import GrblController
 from ivfmc_ros.devices.grbl.settings import GrblSettings
 from ivfmc_ros.devices.grbl.settings import OUTPUTS
@@ -34,8 +35,8 @@ from ivfmc_ros.nodes.framework.health import WAITING
 from ivfmc_ros.nodes.framework.json_response import Answer
 from ivfmc_ros.nodes.framework.lifecycle import LifecycleCellNode
 
-# Period of laser_states without a change, nanoseconds.
-_LASER_PERIOD_NS = 100_000_000
+# Period of laser_states without a change, seconds.
+_LASER_PERIOD_S = 0.1
 _CONNECTING = 'CONNECTING'
 # Alarms during which the position is unknown.
 _NO_POSITION = ('CONTROLLER_LOST', _CONNECTING)
@@ -58,6 +59,7 @@ class TurntableNode(LifecycleCellNode):
         self._driver: TurntableDriver | None = None
         # fault of a driver that has not tried to connect yet
         self._not_connected = ''
+        self._published_alarm: str | None = None
         self._declare_controller()
         self._declare_beam()
         self._lasers = [name for name in self.get('lasers') if name]
@@ -68,7 +70,7 @@ class TurntableNode(LifecycleCellNode):
         self._beam_settings()
         self.check(self._require_same_wiring)
         self.changed(self._apply)
-        self._lasers_ns, self._lasers_published_ns = 0, 0
+        self._lasers_ns, self._lasers_published_s = 0, 0.0
         self._laser_states = self.publish_on(JointState, 'laser_states')
         self.subscribe(Header, 'beam_hold', self._receive_hold)
         self.subscribe(Bool, 'beam_permit', self._receive_permit)
@@ -261,6 +263,9 @@ class TurntableNode(LifecycleCellNode):
         if driver is None:
             return
         state = driver.state()
+        if state.alarm != self._published_alarm:
+            # a scan has to end at once; the next diagnostics may be a second away
+            self._publish_diagnostics()
         if self.get('table') and state.alarm not in _NO_POSITION:
             self._joint_states.publish(
                 joint_state(state.stamp_ns, [self._joint], [state.position], [state.velocity])
@@ -269,11 +274,13 @@ class TurntableNode(LifecycleCellNode):
 
     def _publish_lasers(self, state: ControllerState) -> None:
         lasers = [float(on) for on in state.lasers.values()]
+        # by the steady clock: one that is set back must not end the messages
+        now_s = self.steady_s()
         if state.lasers_ns != self._lasers_ns:
-            self._lasers_ns = self._lasers_published_ns = state.lasers_ns
+            self._lasers_ns, self._lasers_published_s = state.lasers_ns, now_s
             self._laser_states.publish(joint_state(state.lasers_ns, list(state.lasers), lasers))
-        if state.stamp_ns - self._lasers_published_ns >= _LASER_PERIOD_NS:
-            self._lasers_published_ns = state.stamp_ns
+        if now_s - self._lasers_published_s >= _LASER_PERIOD_S:
+            self._lasers_published_s = now_s
             self._laser_states.publish(joint_state(state.stamp_ns, list(state.lasers), lasers))
 
     def before_diagnosis(self) -> None:
@@ -285,9 +292,12 @@ class TurntableNode(LifecycleCellNode):
             self.status('not active')
             return
         state = driver.state()
+        self._published_alarm = state.alarm
         self._report(driver, state.alarm)
         self.status(
             'connected' if state.alarm is None else '',
+            code=fault_code(state.alarm),
+            alarm=state.alarm or '',
             position=f'{state.position:.6f}',
             reported=f'{state.reported:.6f}',
             moving=state.moving,

@@ -8,7 +8,7 @@ import time
 
 # Seconds of reports without motion after which a table that had begun to move stands. The beam may
 # shine on a standing table for no more than a second.
-_STALL_S = 0.7
+_STALL_S = 0.5
 # Seconds of reports until a table has begun to move: a driver may have to turn a laser off first.
 _START_S = 2.0
 # Fraction of the position tolerance that counts as motion: above the noise of an encoder.

@@ -116,8 +116,8 @@ def table(client, live, node):
     assert node.alive
     if not table.stands() or any(table.shining()):
         client.trigger('turntable/stop')
-        # lasers stay off until no hold has been received for a while
-        client.spin(0.6)
+    # a laser that a test left blocked stays off until none is requested
+    table.hold('', 0.1)
 
 
 @pytest.fixture
@@ -181,6 +181,7 @@ def test_unknown_laser_and_old_hold_switch_nothing_on(table):
 
 
 def test_enable_service_works_only_in_an_idle_cell(table):
+    table.client.spin(0.6)
     answer = table.enable('right')
     assert answer.success, answer.message
     assert table.shining() == [0.0, 1.0]
@@ -216,6 +217,46 @@ def test_invalid_trajectory_is_rejected(table, changes, reason):
     table.go(here + 1.0, **changes)
     table.client.until(lambda: reason in table.client.diagnostic('turntable'), 3.0)
     assert table.position() == here
+
+
+def test_laser_stays_off_a_standing_table_after_the_node_hung(table, node):
+    table.hold('left', 0.4)
+    table.go(table.position() + 20.0, 40.0)
+    table.hold('left', 0.6)
+    assert table.shining() == [1.0, 0.0]
+    node.process.send_signal(signal.SIGSTOP)
+    # no hold reaches it: those that wait in its queue are too old when it goes on
+    table.client.spin(1.5)
+    node.process.send_signal(signal.SIGCONT)
+    table.client.until(lambda: not any(table.shining()), 1.0, 'the beam is on')
+    for _ in range(8):
+        table.hold('left', 0.1)
+        assert table.shining() == [0.0, 0.0] or not table.stands()
+    table.client.spin(1.2)
+    assert 'stopped in a move' in table.client.diagnostic('turntable')
+
+
+@pytest.mark.parametrize(
+    ('fault', 'code'),
+    [
+        ('alarm 1', 'CONTROLLER_ALARM'),
+        ('reset', 'POSITION_LOST'),
+        ('silence 2.5', 'CONTROLLER_LOST'),
+    ],
+)
+def test_fault_of_the_controller_is_published_in_time_under_its_code(table, fault, code):
+    table.hold('right', 0.4)
+    table.go(table.position() + 20.0, 40.0)
+    start = time.monotonic()
+    table.fault(fault)
+    while f'code: {code}' not in table.client.diagnostic('turntable'):
+        assert time.monotonic() - start < 2.0
+        table.hold('right', 0.05)
+    assert table.shining() == [0.0, 0.0]
+    table.client.spin(2.6 + start - time.monotonic() if 'silence' in fault else 0.0)
+    success, answer = table.client.trigger('turntable/clear_alarm')
+    assert success, answer
+    table.client.until(lambda: 'code:  |' in table.client.diagnostic('turntable'), 3.0)
 
 
 def test_restart_of_the_controller_is_an_alarm_that_can_be_cleared(table):

@@ -70,7 +70,7 @@ def test_silence_of_the_driver_is_no_standstill():
     table = Table()
     assert table.turn(1.0, 0.5) is None
     table.now += 1.5
-    assert table.turn(0.3, 0.0) is None
+    assert table.turn(0.2, 0.0) is None
     assert table.turn(0.5, 0.5) is None
 
 

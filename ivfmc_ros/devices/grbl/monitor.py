@@ -71,6 +71,7 @@ class GrblMonitor:
         self._axis = AxisTracker(units)
         self._state = ''
         self._queried_at, self._heard_at = 0.0, 0.0  # monotonic seconds
+        self._first_unanswered: float | None = None  # when the first query since then was sent
         self._started = False
         self._start_expected_until = 0.0
         self._homing_until = 0.0
@@ -100,7 +101,9 @@ class GrblMonitor:
         """Whether a status query has stayed without report for too long."""
         if self.lost or not self._started or self._homing or self.alarm in _ALARMS_WITHOUT_REPORTS:
             return False
-        return self._queried_at - self._heard_at > _SILENCE_TIMEOUT
+        # of queries, not of the clock: a process that was stopped has not asked meanwhile
+        first = self._first_unanswered
+        return first is not None and self._queried_at - first > _SILENCE_TIMEOUT
 
     @property
     def target_units(self) -> float:
@@ -133,8 +136,8 @@ class GrblMonitor:
             if not self._started or self._homing or now - self._queried_at < period:
                 return False
             self._queried_at = now
-            if self._heard_at < now - 10 * _SILENCE_TIMEOUT:
-                self._heard_at = now  # the first query after a pause
+            if self._first_unanswered is None:
+                self._first_unanswered = now
             return True
 
     # -- lines from the controller
@@ -150,7 +153,7 @@ class GrblMonitor:
             if isinstance(line, protocol.Setting):
                 self.readings.add(line.number, line.value)
             elif isinstance(line, protocol.StatusReport):
-                self._heard_at = time.monotonic()
+                self._heard_at, self._first_unanswered = time.monotonic(), None
                 self._handle_report(line, received_at)
                 self._report_count += 1
             self._changed.notify_all()
@@ -162,7 +165,7 @@ class GrblMonitor:
             now = time.monotonic()
             expected = now < self._start_expected_until
             self._start_expected_until = min(self._start_expected_until, now + _REPEATED_BANNER)
-            self._started, self._heard_at = True, now
+            self._started, self._heard_at, self._first_unanswered = True, now, None
             self._axis.interrupt(now, keeps_position=True)
             self.set_lasers({})
             if not expected:
@@ -173,7 +176,9 @@ class GrblMonitor:
     def handle_alarm(self, alarm: str) -> None:
         """Note an alarm, with which the controller has turned its outputs off."""
         with self._changed:
-            self.alarm, self.locked, self._state = alarm, True, 'Alarm'
+            # a controller that is lost stays lost: clear_alarm has to connect again
+            self.alarm = self.alarm if self.lost else alarm
+            self.locked, self._state = True, 'Alarm'
             self._axis.interrupt(time.monotonic())
             self.set_lasers({})
             self._changed.notify_all()
@@ -256,6 +261,7 @@ class GrblMonitor:
         finally:
             self._homing_until = 0.0
             self._heard_at = self._queried_at = time.monotonic()
+            self._first_unanswered = None
 
     # -- waiting
 

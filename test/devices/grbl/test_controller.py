@@ -597,3 +597,14 @@ def test_controller_that_restarts_while_it_is_connected_is_lost_or_connected(emu
     controller.clear_alarm()
     assert controller.poll().alarm is None
     controller.close()
+
+
+def test_own_process_that_was_stopped_is_no_silence_of_the_controller(controller, monkeypatch):
+    until(lambda: controller.poll().reported_ns)
+    # after the last report, a query was sent as late as if the process had been stopped
+    late = time.monotonic() + 1.5
+    monitor = controller._monitor
+    with monitor._changed:
+        monkeypatch.setattr(time, 'monotonic', lambda: late)
+        monitor.query_due()
+        assert not monitor.is_silent
