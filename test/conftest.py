@@ -17,6 +17,7 @@ ALONE = (
     'nodes/test_camera.py',
     'nodes/test_live_is_offline.py',
     'nodes/test_orchestrator.py',
+    'nodes/test_scan_of_a_bad_table.py',
     'nodes/test_turntable.py',
     'simulation/test_live_cell.py',
 )

@@ -1,0 +1,43 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The fault of the motion controller, as the diagnostics of the node ``turntable`` have it."""
+
+from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from ivfmc_ros.errors import HelperError
+from ivfmc_ros.nodes.framework import qos
+from ivfmc_ros.nodes.framework.base import CellNode
+
+
+class ControllerWatch:
+    """
+    Reads the diagnostics of ``turntable`` in the namespace of a node.
+
+    code : CONTROLLER_ALARM, CONTROLLER_LOST or POSITION_LOST; '' without a fault, or where another
+        driver moves the table
+    message : of the diagnostics when they were not OK, '' otherwise
+    """
+
+    def __init__(self, node: CellNode) -> None:
+        self.code, self.message = '', ''
+        self._name = f'{node.get_namespace()}/turntable'.lstrip('/')
+        self._subscription = node.create_subscription(
+            DiagnosticArray,
+            '/diagnostics',
+            node.guarded(self._receive, 'diagnostics'),
+            qos.reliable(50),
+        )
+
+    def require_ready(self) -> None:
+        """:raises HelperError: the controller has a fault, with its code."""
+        if self.code:
+            raise HelperError(self.code, f'turntable: {self.message}')
+
+    def _receive(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == self._name:
+                values = {value.key: value.value for value in status.values}
+                self.code = values.get('code', '')
+                is_ok = status.level == DiagnosticStatus.OK
+                self.message = '' if is_ok and not self.code else status.message
