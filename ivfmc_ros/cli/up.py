@@ -23,12 +23,15 @@ from ivfmc_ros.cli.support.cell_run import parse_overrides
 from ivfmc_ros.cli.support.cell_run import start
 from ivfmc_ros.cli.support.cell_run import write_bench
 from ivfmc_ros.cli.support.client import cell_client
+from ivfmc_ros.cli.support.client import CellClient
 from ivfmc_ros.cli.support.client import refuse_another
 from ivfmc_ros.cli.support.processes import Processes
 from ivfmc_ros.cli.support.processes import Say
+from ivfmc_ros.cli.support.shared_memory import remove_dead_segments
+from ivfmc_ros.cli.support.supervision import Supervisor
 from ivfmc_ros.errors import FileError
-from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.errors import ScanError
 from ivfmc_ros.nodes.framework.environment import config_file
 
 _PATH = click.Path(path_type=Path)
@@ -72,16 +75,41 @@ _POLL_S = 0.1
 def up(**options: Any) -> None:
     """Start a cell and keep it up until Ctrl-C."""
     run = run_of(options)
-    with cell_client(run.namespace) as client:
+    with cell_client(run.namespace) as client, log_of(run) as say:
         refuse_another(client)
-    with log_of(run) as say, Processes(say) as processes, interrupted() as ending:
+        freed = remove_dead_segments()
+        if freed:
+            say('up', f'removed {freed / 1e6:.0f} MB of shared memory of processes that died')
+        processes = Processes(say)
+        supervisor = Supervisor(run, processes, client, say)
+        try:
+            with processes, interrupted() as ending:
+                _keep_up(run, processes, client, supervisor, say, ending)
+        finally:
+            supervisor.reset_after_end()
+            remove_dead_segments()
+
+
+def _keep_up(
+    run: CellRun,
+    processes: Processes,
+    client: CellClient,
+    supervisor: Supervisor,
+    say: Say,
+    ending: threading.Event,
+) -> None:
+    """:raises HelperError: a process of the cell has ended or hangs."""
+    try:
         start(run, processes)
         say('up', f'{len(run.nodes)} nodes under {run.namespace}; Ctrl-C ends them')
-        while not ending.wait(_POLL_S):
-            gone = processes.ended()
-            if gone is not None:
-                raise HelperError('NODE_DIED', f'{gone}; the cell is taken down')
-        say('up', 'ending')
+        while not ending.is_set():
+            client.spin(_POLL_S)
+            supervisor.check()
+    except ScanError as error:
+        supervisor.say_end(error.code, str(error))
+        raise
+    say('up', 'ending')
+    supervisor.say_end('INTERRUPTED', 'ivfmc up was ended by Ctrl-C or a signal')
 
 
 def run_of(options: dict[str, Any]) -> CellRun:

@@ -19,7 +19,6 @@ from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh as MeshMessage
 from visualization_msgs.msg import Marker
 
-from ivfmc_ros.errors import BusyError
 from ivfmc_ros.errors import NotReadyError
 from ivfmc_ros.files import folder_below
 from ivfmc_ros.meshing.io.export import FORMATS
@@ -32,9 +31,10 @@ from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.base import run
 from ivfmc_ros.nodes.processing import worker_jobs
 from ivfmc_ros.nodes.processing.cell_source import CellSource
+from ivfmc_ros.nodes.processing.exclusive_job import Claim
+from ivfmc_ros.nodes.processing.exclusive_job import ExclusiveJob
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.storage.messages.view_poses import to_poses
-from ivfmc_ros.worker import Worker
 
 # Seconds without a further view after which no more are expected: views come in one burst.
 _QUIET_S = 3.0
@@ -51,10 +51,11 @@ class Mesher(CellNode):
         self._source = CellSource(self)
         self._views: dict[int, tuple[int, View]] = {}
         self._poses: PoseArray | None = None
+        # of the next build only
+        self._poses_stamp_ns = 0
         self._received_s = self.steady_s()
         self._complete: Future | None = None
-        self._busy = False
-        self._worker = Worker()
+        self._job = ExclusiveJob(self)
         self.changed(self._change)
         self._marker = self.publish_on(Marker, 'mesh')
         self._shape = self.publish_on(MeshMessage, 'mesh_shape')
@@ -73,6 +74,14 @@ class Mesher(CellNode):
             'scan_folder',
             '',
             'Folder of the mesh files, below scan_root or relative to it; empty: no files.',
+        )
+        self.parameter(
+            'poses_stamp',
+            0,
+            'Stamp of the view_poses of the next build, nanoseconds, as the registrar answers it; '
+            '0: the last ones.',
+            low=0,
+            high=2**63 - 1,
         )
         self.parameter(
             'formats', ['stl', 'ply'], f'Formats of the mesh files, some of {", ".join(FORMATS)}.'
@@ -102,14 +111,19 @@ class Mesher(CellNode):
 
     def stop(self) -> None:
         """End the worker."""
-        self._worker.close()
+        self._job.close()
         super().stop()
 
     def _change(self, names: set[str]) -> None:
         if 'scan_id' in names:
+            # what is still computed belongs to the scan before
+            self._cancel_job(f'mesher: scan {self.get("scan_id")} was begun in the meantime')
             self._views.clear()
             self._poses = None
+            self._poses_stamp_ns = 0
             self._source.reload()
+        if 'poses_stamp' in names:
+            self._poses_stamp_ns = self.get('poses_stamp')
 
     def _receive_view(self, message: PointCloud2) -> None:
         view = clouds.to_view(message, 'view')
@@ -121,19 +135,21 @@ class Mesher(CellNode):
         self._received_s = self.steady_s()
 
     def _cancel(self) -> Mapping[str, Any]:
-        if self._busy:
-            self._worker.kill()
-        return {'cancelled': self._busy}
+        return {'cancelled': self._cancel_job('mesher: the work was cancelled')}
+
+    def _cancel_job(self, reason: str) -> bool:
+        cancelled = self._job.cancel(reason)
+        if self._complete is not None and not self._complete.done():
+            # it waits for views
+            self._complete.set_result(None)
+        return cancelled
 
     async def _build(self) -> Mapping[str, Any]:
-        if self._busy:
-            raise BusyError('mesher: a mesh is being built already')
-        self._busy = True
-        try:
-            views, message = await self._wait_for_views()
+        with self._job.claim('a build') as claim:
+            views, message = await self._wait_for_views(claim)
             cell, settings = self._source.cell(), self._settings()
-            made = await self.in_thread(
-                self._worker.run,
+            made = await self._job.run(
+                claim,
                 worker_jobs.build,
                 cell,
                 views,
@@ -143,8 +159,6 @@ class Mesher(CellNode):
                 self.get('formats'),
                 self.get('display_triangles'),
             )
-        finally:
-            self._busy = False
         stamp = nanoseconds(message.header.stamp)
         self._marker.publish(meshes.marker(made.vertices_xyz, made.faces, stamp))
         self._shape.publish(meshes.mesh_shape(made.vertices_xyz, made.faces))
@@ -158,28 +172,39 @@ class Mesher(CellNode):
             'seconds': made.seconds,
         }
 
-    async def _wait_for_views(self) -> tuple[list[View], PoseArray]:
+    async def _wait_for_views(self, claim: Claim) -> tuple[list[View], PoseArray]:
         """
         Return the views of the last poses, and the poses.
 
         Views are large and may be received after the poses that were published with them.
 
         :raises NotReadyError: no poses, or no view of theirs, were received
+        :raises CancelledError: the build was cancelled
         """
         self._received_s = self.steady_s()
         self._complete = Future()
         self._check_complete()
         await self._complete
-        message = self._poses
+        claim.require()
+        message, stamp_ns = self._expected_poses(), self._poses_stamp_ns
+        self._poses_stamp_ns = 0
         if message is None:
+            stamp = f' with the stamp {stamp_ns} ns' if stamp_ns else ''
             raise NotReadyError(
-                f'mesher: nothing received on {self.resolve_topic_name("view_poses")}; '
+                f'mesher: nothing received on {self.resolve_topic_name("view_poses")}{stamp}; '
                 'call registrar/register first'
             )
         views = self._views_of(message)
         if not views:
             raise NotReadyError(f'mesher: nothing received on {self.resolve_topic_name("view")}')
         return views, message
+
+    def _expected_poses(self) -> PoseArray | None:
+        """Return the last poses, None where they are not those of this scan."""
+        message, awaited_ns = self._poses, self._poses_stamp_ns
+        if message is None or (awaited_ns and nanoseconds(message.header.stamp) != awaited_ns):
+            return None
+        return message
 
     def _views_of(self, message: PoseArray) -> list[View]:
         """Return the views with the stamp of the poses, by number."""
@@ -193,14 +218,14 @@ class Mesher(CellNode):
         """Let a build continue when its views are complete, or when no more are received."""
         if self._complete is None or self._complete.done():
             return
-        message = self._poses
+        message = self._expected_poses()
         complete = message is not None and len(self._views_of(message)) == len(message.poses)
         if complete or self.steady_s() - self._received_s > _QUIET_S:
             self._complete.set_result(None)
 
     def before_diagnosis(self) -> None:
         """Publish the number of views and whether a mesh is being built."""
-        self.status('', views=len(self._views), busy=self._busy)
+        self.status('', views=len(self._views), busy=self._job.busy)
 
 
 def _require_formats(values: Mapping[str, Any]) -> None:

@@ -27,13 +27,15 @@ from ivfmc_ros.nodes.framework.futures import ServiceClients
 from ivfmc_ros.nodes.framework.futures import Waiter
 from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.nodes.framework.json_response import Answer
+from ivfmc_ros.nodes.framework.shutdown import flush
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
 from ivfmc_ros.nodes.scanning.graph_tools import GraphTools
-from ivfmc_ros.nodes.scanning.graph_tools import ScanContext
 from ivfmc_ros.nodes.scanning.running_scan import RunningScan
+from ivfmc_ros.nodes.scanning.scan_context import ScanContext
 from ivfmc_ros.nodes.scanning.scan_parameters import declare_scan_parameters
 from ivfmc_ros.scan import scan_folder
 from ivfmc_ros.scan.plan import make_plan
+from ivfmc_ros.scan.plan import require_steps
 from ivfmc_ros.scan.state_machine import StateMachine
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 
@@ -64,6 +66,9 @@ class Orchestrator(CellNode):
         ):
             self.trigger(name, handler, private=False)
         self.steady_timer(_STATUS_S, self._repeat_status)
+
+    def on_settled(self) -> None:
+        """Mark interrupted scans, and publish the first status."""
         self._mark_interrupted_scans()
         self._publish_status()
 
@@ -72,6 +77,15 @@ class Orchestrator(CellNode):
         running = self._running
         if running is not None:
             self._link.close()
+            reason = f'the orchestrator ended while the scan was {running.machine.stage}'
+            running.result = {
+                'code': 'INTERRUPTED',
+                'detail': f'{reason}: {self.ending}',
+                'scan_id': running.scan_id,
+                'folder': str(running.folder),
+            }
+            self._publish_status()
+            flush(self._status)
             running.mark_interrupted()
         super().stop()
 
@@ -79,13 +93,16 @@ class Orchestrator(CellNode):
         root = Path(self.get('scan_root'))
         if not root.is_dir():
             return
-        try:
-            interrupted = scan_folder.mark_interrupted_scans(root)
-            for scan_id in interrupted:
-                self.get_logger().warning(f'scan {scan_id} was interrupted and is marked FAILED')
+        marked, errors = scan_folder.mark_interrupted_scans(root)
+        for scan_id in marked:
+            self.get_logger().warning(f'scan {scan_id} was interrupted and is marked FAILED')
+            try:
                 Catalogue(root).set_stage(scan_id, 'FAILED', 'INTERRUPTED')
-        except ScanError as error:
-            self.get_logger().warning(str(error))
+            except ScanError as error:
+                # such as a scan without a row; the next ones have to be marked as well
+                errors.append(str(error))
+        for text in errors:
+            self.get_logger().warning(text)
 
     def _start_scan(self) -> Answer:
         running = self._accept_scan()
@@ -132,6 +149,7 @@ class Orchestrator(CellNode):
             )
         names = [laser.name for laser in draft.lasers]
         plan = make_plan(request, names, motion, self._link.position or 0.0)
+        require_steps(plan, self.get('position_tolerance'), 'position_tolerance')
         folder = scan_folder.create_scan_folder(
             Path(self.get('scan_root')).absolute(), request.part
         )
@@ -146,6 +164,7 @@ class Orchestrator(CellNode):
             tolerance=self.get('position_tolerance'),
             patience=self.get('profile_patience'),
             home=self.get('home'),
+            limits=self.scan_parameters.limits(),
         )
         tools = GraphTools(self, self._link, self._service_clients, context, machine)
         running = RunningScan(

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 import sys
+import threading
 from typing import Any
 
 from geometry_msgs.msg import PoseArray
@@ -37,6 +38,7 @@ from ivfmc_ros.nodes.framework.adaptive_subscription import AdaptiveSubscription
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.base import run
 from ivfmc_ros.nodes.framework.health import Level
+from ivfmc_ros.nodes.framework.life import life_of
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.catalogue.catalogue_writer import CatalogueWriter
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
@@ -62,6 +64,10 @@ _CAMERA_TOPICS = ('image_raw', 'image_raw/compressed', 'camera_info')
 _PUBLISH_S = 0.05
 # Seconds between two checks of the heartbeat of the orchestrator.
 _POLL_S = 0.5
+# Seconds of silence of the owner after which another orchestrator has replaced it.
+_REPLACED_S = 2.0
+# Seconds to wait at the end of the node for a recording that is being closed.
+_CLOSE_S = 15.0
 # Kinds of conditions.
 _DROPPED = 'messages dropped'
 _NOT_WRITTEN = 'not written'
@@ -112,11 +118,16 @@ class Recorder(CellNode):
             low=0.0,
             high=3600.0,
         )
+        self.parameter(
+            'owner',
+            '',
+            'Life of the orchestrator whose recording begins, as in its heartbeat; empty: the '
+            'one that is heard first.',
+        )
         self.check(self._require_scan_folder)
-        self._recorder: LiveRecorder | None = None
-        self._orchestrator_heard_s: float | None = None
-        self._catalogue_writer: CatalogueWriter | None = None
-        self._published: int | None = None
+        self._recording: _Recording | None = None
+        # recordings that are being closed, each with its own bag and catalogue
+        self._closing: list[_Recording] = []
         self._recorded = self.publish_on(UInt64, 'recorded')
         self._recorded_topics = [self._subscribe(name) for name in self.get('topics')]
         self.trigger('start', self._start)
@@ -127,17 +138,20 @@ class Recorder(CellNode):
 
     def stop(self) -> None:
         """Finish the bag, so that it can be read."""
-        if self._recorder is not None:
-            recorder, self._recorder = self._recorder, None
-            self._finish(recorder)
+        recording, self._recording = self._recording, None
+        if recording is not None:
+            recording.finish()
+        for closing in self._closing:
+            closing.finished.wait(_CLOSE_S)
         super().stop()
 
     def before_diagnosis(self) -> None:
         """Publish how much has been written, and the errors of bag and catalogue."""
-        recorder = self._recorder
-        if recorder is None:
-            self.status('idle')
+        recording = self._recording
+        if recording is None:
+            self.status('idle', closing=len(self._closing))
             return
+        recorder, writer = recording.recorder, recording.writer
         counts = recorder.counts
         if recorder.error is not None:
             self.health.set(_NOT_WRITTEN, 'bag', Level.ERROR, recorder.error)
@@ -145,16 +159,17 @@ class Recorder(CellNode):
             dropped = ', '.join(f'{n} on {name}' for name, n in counts.dropped_topics.items())
             text = f'the disk is too slow; dropped messages: {dropped}'
             self.health.set(_DROPPED, 'bag', Level.ERROR, text)
-        writer = self._catalogue_writer
-        if writer is not None and writer.error:
+        if writer.error:
             self.health.set(_NOT_WRITTEN, 'catalogue', Level.ERROR, writer.error)
         else:
             self.health.clear(_NOT_WRITTEN, 'catalogue')
         self.status(
             'recording',
+            scan_id=recording.scan_id,
             messages=counts.messages,
             bytes=counts.bytes,
             waiting=recorder.queued_bytes,
+            closing=len(self._closing),
         )
 
     def _require_scan_folder(self, values: Mapping[str, Any]) -> None:
@@ -171,13 +186,13 @@ class Recorder(CellNode):
         )
 
     def _receive(self, name: str, data: bytes) -> None:
-        recorder = self._recorder
-        if recorder is None or (name in _CAMERA_TOPICS and not self.get('pictures')):
+        recording = self._recording
+        if recording is None or (name in _CAMERA_TOPICS and not self.get('pictures')):
             return
         kind = TYPES[name]
         package = kind.__module__.partition('.')[0]
         header = _profile_header(data) if name == 'profile' else None
-        recorder.add(
+        recording.recorder.add(
             self.resolve_topic_name(name),
             f'{package}/msg/{kind.__name__}',
             data,
@@ -187,14 +202,14 @@ class Recorder(CellNode):
         )
 
     def _start(self) -> dict[str, Any]:
-        if self._recorder is not None:
-            raise BusyError(f'recorder: already records {self._recorder.folder}')
+        running = self._recording
+        if running is not None:
+            raise BusyError(
+                f'recorder: records scan {running.scan_id} already', scan_id=running.scan_id
+            )
         folder, scan_id = self.get('scan_folder'), self.get('scan_id')
         if not folder or not scan_id:
             raise ParameterError('recorder: scan_folder and scan_id must be set before start')
-        # again: a link may have been made since the parameter was set
-        folder = str(folder_below(Path(self.get('scan_root')), folder, 'scan_folder'))
-        self._published = self._orchestrator_heard_s = None
         for kind, subject in (
             (_DROPPED, 'bag'),
             (_NOT_WRITTEN, 'bag'),
@@ -203,75 +218,130 @@ class Recorder(CellNode):
         ):
             self.health.clear(kind, subject)
         self.health.clear_fault('bag')
-        writer = CatalogueWriter(Catalogue(Path(folder).parent, create=True))
-        try:
-            self._recorder = LiveRecorder(
-                Path(folder),
-                compress=self.get('compress'),
-                max_queued_bytes=self.get('room') * 1024 * 1024,
-                on_flush=lambda locations: writer.add(partial(_add_profiles, scan_id, locations)),
-            )
-        except ScanError:
-            writer.close()
-            raise
-        self._catalogue_writer = writer
-        return {'path': str(self._recorder.folder), 'topics': list(self.get('topics'))}
-
-    def _finish(self, recorder: LiveRecorder) -> Path:
-        """Write the rest of bag and catalogue; blocks until both are on disk."""
-        try:
-            return recorder.stop()
-        finally:
-            if self._catalogue_writer is not None:
-                self._catalogue_writer.close()
+        self._recording = _Recording(
+            scan_id,
+            # again: a link may have been made since the parameter was set
+            folder_below(Path(self.get('scan_root')), folder, 'scan_folder'),
+            owner=self.get('owner'),
+            compress=self.get('compress'),
+            max_queued_bytes=self.get('room') * 1024 * 1024,
+        )
+        return {'path': str(self._recording.recorder.folder), 'topics': list(self.get('topics'))}
 
     async def _stop(self) -> dict[str, Any]:
-        recorder, self._recorder = self._recorder, None
-        if recorder is None:
+        recording, self._recording = self._recording, None
+        if recording is None:
             raise StateError('recorder: no recording is running')
-        path = await self.in_thread(self._finish, recorder)
-        self._publish(recorder)
-        counts, writer = recorder.counts, self._catalogue_writer
+        self._closing.append(recording)
+        try:
+            path = await self.in_thread(recording.finish)
+        finally:
+            self._closing.remove(recording)
+        if self._recording is None:
+            # ``recorded`` has no scan id: it is that of the running scan only
+            self._publish(recording)
+        counts = recording.recorder.counts
         return {
+            'scan_id': recording.scan_id,
             'path': str(path),
             'messages': counts.messages,
             'bytes': counts.bytes,
             'dropped': counts.dropped,
-            'recorded': recorder.recorded,
-            'catalogue_error': writer.error if writer is not None else '',
+            'recorded': recording.recorder.recorded,
+            'catalogue_error': recording.writer.error,
         }
 
-    def _receive_heartbeat(self, _: Header) -> None:
-        self._orchestrator_heard_s = self.steady_s()
+    def _receive_heartbeat(self, message: Header) -> None:
+        recording = self._recording
+        if recording is None:
+            return
+        life = life_of(message)
+        if not recording.owner:
+            recording.owner = life
+        if life == recording.owner:
+            recording.heard_s = self.steady_s()
+        elif self._silent_s(recording) > _REPLACED_S:
+            self._abandon(recording, 'the orchestrator was restarted; the recording of '
+                          f'scan {recording.scan_id} was stopped')  # fmt: skip
+
+    def _silent_s(self, recording: '_Recording') -> float:
+        """Return the seconds since the owner was heard, or since it began the recording."""
+        if recording.heard_s is None:
+            recording.heard_s = self.steady_s()
+        return self.steady_s() - recording.heard_s
 
     def _check_orchestrator(self) -> None:
         """Stop the recording of an orchestrator that died: images would fill the disk."""
-        patience = self.get('orchestrator_patience')
-        if self._recorder is None or self._orchestrator_heard_s is None or not patience:
+        patience, recording = self.get('orchestrator_patience'), self._recording
+        if recording is None or not recording.owner or not patience:
             return
-        silent = self.steady_s() - self._orchestrator_heard_s
+        silent = self._silent_s(recording)
         if silent > patience:
-            text = f'no heartbeat for {silent:.0f} s; the recording was stopped'
-            self.health.set(_SILENT, 'orchestrator', Level.ERROR, text)
-            self.executor.create_task(self._stop_recording)
+            self._abandon(recording, f'no heartbeat for {silent:.0f} s; the recording was stopped')
 
-    async def _stop_recording(self) -> None:
-        try:
-            await self._stop()
-        except StateError:
+    def _abandon(self, recording: '_Recording', text: str) -> None:
+        self.health.set(_SILENT, 'orchestrator', Level.ERROR, text)
+        self.executor.create_task(self._stop_recording, recording)
+
+    async def _stop_recording(self, recording: '_Recording') -> None:
+        if recording is not self._recording:
             # stopped by the service in the meantime
             return
+        try:
+            await self._stop()
         except ScanError as error:
             self.fault('bag', error)
 
     def _publish_progress(self) -> None:
-        if self._recorder is not None:
-            self._publish(self._recorder)
+        if self._recording is not None:
+            self._publish(self._recording)
 
-    def _publish(self, recorder: LiveRecorder) -> None:
-        if recorder.recorded is not None and recorder.recorded != self._published:
-            self._published = recorder.recorded
-            self._recorded.publish(UInt64(data=recorder.recorded))
+    def _publish(self, recording: '_Recording') -> None:
+        recorded = recording.recorder.recorded
+        if recorded is not None and recorded != recording.published:
+            recording.published = recorded
+            self._recorded.publish(UInt64(data=recorded))
+
+
+class _Recording:
+    """
+    The recording of one scan: its bag, its rows in the catalogue, and who began it.
+
+    owner : life of the orchestrator that began it, '' until one is heard
+    heard_s : steady second of the owner's last heartbeat, None before
+    published : last number that was published on ``recorded``
+    finished : set when bag and catalogue are closed
+    """
+
+    def __init__(self, scan_id: str, folder: Path, *, owner: str, **options: Any) -> None:
+        """:raises ScanError: bag or catalogue cannot be opened."""
+        self.scan_id = scan_id
+        self.owner = owner
+        self.heard_s: float | None = None
+        self.published: int | None = None
+        self.finished = threading.Event()
+        writer = self.writer = CatalogueWriter(Catalogue(folder.parent, create=True))
+        try:
+            self.recorder = LiveRecorder(
+                folder,
+                on_flush=lambda locations: writer.add(partial(_add_profiles, scan_id, locations)),
+                **options,
+            )
+        except ScanError:
+            writer.close()
+            raise
+
+    def finish(self) -> Path:
+        """
+        Write the rest of bag and catalogue; blocks until both are on disk.
+
+        :raises FileError: the bag could not be written
+        """
+        try:
+            return self.recorder.stop()
+        finally:
+            self.writer.close()
+            self.finished.set()
 
 
 def _profile_header(data: bytes) -> ProfileHeader:

@@ -17,7 +17,6 @@ import numpy as np
 from sensor_msgs.msg import PointCloud2
 
 from ivfmc_ros import pipeline
-from ivfmc_ros.errors import BusyError
 from ivfmc_ros.errors import LostProfilesError
 from ivfmc_ros.errors import NoStripeError
 from ivfmc_ros.errors import TimeoutExceededError
@@ -32,10 +31,11 @@ from ivfmc_ros.nodes.framework.futures import Waiter
 from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.nodes.processing import worker_jobs
 from ivfmc_ros.nodes.processing.cell_source import CellSource
+from ivfmc_ros.nodes.processing.exclusive_job import Claim
+from ivfmc_ros.nodes.processing.exclusive_job import ExclusiveJob
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.registration.arrivals import Arrivals
-from ivfmc_ros.worker import Job
-from ivfmc_ros.worker import Worker
+from ivfmc_ros.registration.views.assemble import angle_runs
 
 # Seconds that profiles may arrive after the request to register them.
 _LATE_S = 5.0
@@ -79,8 +79,7 @@ class Registrar(CellNode):
         self._stamp_ns = 0
         self._registrations = 0
         self._arrivals = Arrivals()
-        self._busy = False
-        self._worker = Worker()
+        self._job = ExclusiveJob(self)
         self._waiter = Waiter(self)
         self.changed(self._change)
         self._views = self.publish_on(PointCloud2, 'view')
@@ -94,11 +93,13 @@ class Registrar(CellNode):
 
     def stop(self) -> None:
         """End the worker."""
-        self._worker.close()
+        self._job.close()
         super().stop()
 
     def _change(self, names: set[str]) -> None:
         if 'scan_id' in names:
+            # what is still computed belongs to the scan before
+            self._job.cancel(f'registrar: scan {self.get("scan_id")} was begun in the meantime')
             self._reset()
 
     def _receive_profile(self, message: PointCloud2) -> None:
@@ -127,7 +128,7 @@ class Registrar(CellNode):
                     pipeline.assemble_views, cell, profiles, settings
                 )
                 await self.in_thread(arrivals.place, views)
-                if arrivals is self._arrivals and not self._busy:
+                if arrivals is self._arrivals and not self._job.busy:
                     # another stamp than the final poses, or a mesher would combine them with views
                     preview = poses.from_transforms(arrivals.poses, self._stamp_ns - 1)
                     self._poses.publish(preview)
@@ -149,37 +150,32 @@ class Registrar(CellNode):
         self._arrivals = Arrivals()
 
     def _cancel(self) -> Mapping[str, Any]:
-        if self._busy:
-            self._worker.kill()
-        return {'cancelled': self._busy}
+        return {'cancelled': self._job.cancel('registrar: the work was cancelled')}
 
     async def _merge(self) -> Mapping[str, Any]:
-        self._arrivals = Arrivals()
-        made = await self._work(
-            worker_jobs.merge_scans, self.get('scan_root'), self.get('merge'), self._settings()
-        )
-        self._publish(made.views, made.poses, self.now_ns())
+        with self._job.claim('a registration or merge') as claim:
+            self._arrivals = Arrivals()
+            root, scans = self.get('scan_root'), self.get('merge')
+            made = await self._job.run(
+                claim, worker_jobs.merge_scans, root, scans, self._settings()
+            )
+        stamp_ns = self.now_ns()
+        self._publish(made.views, made.poses, stamp_ns)
         return {
             'scans': made.placed,
+            'stamp_ns': stamp_ns,
             'views': [_summary(view) for view in made.views],
             'seconds': made.seconds,
         }
 
-    async def _work(self, job: Job, *arguments: Any) -> Any:
-        if self._busy:
-            raise BusyError('registrar: a registration or merge is running already')
-        self._busy = True
-        try:
-            return await self.in_thread(self._worker.run, job, *arguments)
-        finally:
-            self._busy = False
-
-    async def _wait_for_profiles(self) -> None:
+    async def _wait_for_profiles(self, claim: Claim) -> None:
         """:raises LostProfilesError: fewer profiles were received than ``expected``."""
         expected = self.get('expected')
         # a service request can arrive before profiles that were published earlier
         try:
-            await self._waiter.until(lambda: len(self._profiles) >= expected, _LATE_S, 'profiles')
+            await self._waiter.until(
+                lambda: len(self._profiles) >= expected, _LATE_S, 'profiles', claim.require
+            )
         except TimeoutExceededError as error:
             raise LostProfilesError(
                 f'registrar: received {len(self._profiles)} of {expected} profiles; if they are '
@@ -187,26 +183,22 @@ class Registrar(CellNode):
             ) from error
 
     async def _register(self) -> Mapping[str, Any]:
-        await self._wait_for_profiles()
-        if not self._profiles:
-            topic = self.resolve_topic_name('profile')
-            raise NoStripeError(f'registrar: no profile received on {topic} since the last reset')
-        if self._refused:
-            raise LostProfilesError(
-                f'registrar: {self._refused} profiles were received after the first '
-                f'{len(self._profiles)} and not kept; call reset, or raise most_profiles'
+        with self._job.claim('a registration or merge') as claim:
+            await self._wait_for_profiles(claim)
+            self._require_all_kept()
+            # no preview after the final poses
+            self._arrivals = Arrivals()
+            profiles = [self._profiles[seq] for seq in sorted(self._profiles)]
+            made = await self._job.run(
+                claim, worker_jobs.register, self._source.cell(), profiles, self._settings()
             )
-        # no preview after the final poses
-        self._arrivals = Arrivals()
-        profiles = [self._profiles[seq] for seq in sorted(self._profiles)]
-        made = await self._work(
-            worker_jobs.register, self._source.cell(), profiles, self._settings()
-        )
-        self._publish(made.views, made.poses, self._stamp_ns + self._registrations)
+        stamp_ns = self._stamp_ns + self._registrations
+        self._publish(made.views, made.poses, stamp_ns)
         # another stamp when registered again: the mesher must not mix the results
         self._registrations += 1
         return {
             'scan_id': self.get('scan_id'),
+            'stamp_ns': stamp_ns,
             'missing_profiles': _missing(self._profiles),
             'views': [_summary(view) for view in made.views],
             'verdicts': [asdict(verdict) for verdict in made.verdicts],
@@ -216,6 +208,17 @@ class Registrar(CellNode):
             'counts': made.counts,
             'seconds': made.seconds,
         }
+
+    def _require_all_kept(self) -> None:
+        """:raises ScanError: there are no profiles, or some were refused."""
+        if not self._profiles:
+            topic = self.resolve_topic_name('profile')
+            raise NoStripeError(f'registrar: no profile received on {topic} since the last reset')
+        if self._refused:
+            raise LostProfilesError(
+                f'registrar: {self._refused} profiles were received after the first '
+                f'{len(self._profiles)} and not kept; call reset, or raise most_profiles'
+            )
 
     def _publish(self, views: list[View], places: Poses, stamp_ns: int) -> None:
         # one stamp for all, by which the mesher associates views and poses
@@ -243,7 +246,7 @@ class Registrar(CellNode):
             refused=self._refused,
             placed=len(self._arrivals.poses),
             scan_id=self.get('scan_id'),
-            busy=self._busy,
+            busy=self._job.busy,
         )
 
 
@@ -260,6 +263,7 @@ def _summary(view: View) -> Mapping[str, Any]:
         'points': int(np.count_nonzero(view.valid)),
         'angle_from': float(view.angles[0]),
         'angle_to': float(view.angles[-1]),
+        'runs': angle_runs(view),
     }
 
 

@@ -72,6 +72,9 @@ def load_job(folder: Path) -> dict[str, Any]:
     """
     path = folder / JOB_FILE
     try:
+        # neither a FIFO nor a device: reading one may block for ever
+        if path.exists() and not path.is_file():
+            raise FileError(f'{path}: is not a regular file')
         document = json.loads(path.read_text(encoding='utf-8'))
     except OSError as error:
         raise FileError(f'{path}: cannot be read: {error.strerror or error}') from error
@@ -133,16 +136,29 @@ def lock_scan(folder: Path) -> Iterator[bool]:
         os.close(handle)
 
 
-def mark_interrupted_scans(root: Path) -> list[str]:
+def mark_interrupted_scans(root: Path) -> tuple[list[str], list[str]]:
     """
     Mark scans as failed whose orchestrator ended before they did.
 
     Scans that another process has locked are running and stay as they are.
 
-    :returns: ids of the scans that were marked
-    :raises FileError: a job file cannot be written
+    :returns: ids of the scans that were marked, and a message for each folder that could not be
+        read or marked
     """
-    return [path.parent.name for path in sorted(root.glob(f'*/{JOB_FILE}')) if _mark(path.parent)]
+    marked, errors = [], []
+    try:
+        folders = sorted(path for path in root.iterdir() if path.is_dir())
+    except OSError as error:
+        return [], [f'{root}: cannot be read: {error.strerror or error}']
+    for folder in folders:
+        try:
+            if os.path.lexists(folder / JOB_FILE) and _mark(folder):
+                marked.append(folder.name)
+        except FileError as error:
+            errors.append(str(error))
+        except OSError as error:
+            errors.append(f'{folder}: cannot be read: {error.strerror or error}')
+    return marked, errors
 
 
 def _mark(folder: Path) -> bool:

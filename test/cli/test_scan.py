@@ -28,6 +28,7 @@ class EndingClient:
     def __init__(self, code):
         self.code = code
         self.status = {}
+        self.silent_s = 0.0
 
     def trigger(self, name):
         if name == 'start_scan':
@@ -46,3 +47,18 @@ def test_scan_that_ended_before_it_was_cancelled_has_its_result():
     assert run_scan(EndingClient('WRONG_STATE'), {})['said'] == 1
     with pytest.raises(HelperError):
         run_scan(EndingClient('INTERNAL'), {})
+
+
+class SilentClient(EndingClient):
+    """Of a cell whose orchestrator was killed."""
+
+    def until(self, condition, seconds, what):
+        self.silent_s = 6.0
+        while not condition():
+            pass
+
+
+def test_scan_of_an_orchestrator_that_was_killed_ends_by_name():
+    with pytest.raises(HelperError, match='gives no heartbeat for 6 s') as caught:
+        run_scan(SilentClient(''), {})
+    assert caught.value.code == 'ORCHESTRATOR_LOST'

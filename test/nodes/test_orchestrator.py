@@ -31,6 +31,7 @@ PARAMETERS = {
     'velocity': 20.0,
     'acceleration': 200.0,
     'profile_patience': 20.0,
+    'lead_time': 0.4,
 }
 
 
@@ -349,7 +350,8 @@ def test_camera_that_is_not_calibrated_is_a_bad_cell(client, fake, orchestrator)
     assert 'camera_info' in answer['detail']
 
 
-CONTINUOUS = {'motion': 'continuous', 'profiles': 24, 'profile_rate': 30.0}
+# a short lead-in: no sweep begins or ends where the camera stands still
+CONTINUOUS = {'motion': 'continuous', 'profiles': 24, 'profile_rate': 20.0, 'lead_time': 0.1}
 
 
 def test_missing_angles_are_taken_again(client, fake, orchestrator):

@@ -1,5 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+import json
 import sqlite3
 
 import numpy as np
@@ -9,6 +10,7 @@ from sensor_msgs.msg import JointState
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from std_msgs.msg import UInt64
+from std_srvs.srv import Trigger
 from support.graph_rig import Client
 from support.graph_rig import running
 
@@ -204,3 +206,61 @@ def test_recording_without_an_orchestrator_continues(client, scan):
         assert client.trigger('recorder/stop')[0]
     finally:
         client.set('recorder', orchestrator_patience=30.0)
+
+
+def test_new_recording_keeps_its_rows_while_the_last_one_closes(client, scan, tmp_path):
+    profiles = client.publisher(PointCloud2, 'profile')
+    recorded = client.collect(UInt64, 'recorded')
+    ready(client, profiles)
+    assert client.trigger('recorder/start')[0]
+    for seq in range(3):
+        profiles.publish(profile(seq))
+    client.until(lambda: recorded and recorded[-1].data == 2, what='not recorded')
+    Catalogue(tmp_path).add_scan('s2', 'part', '', 'SCANNING', {})
+    (tmp_path / 's2').mkdir()
+    # the last one cannot close: the catalogue is locked
+    connection = sqlite3.connect(tmp_path / 'catalogue.sqlite3')
+    connection.execute('BEGIN EXCLUSIVE')
+    profiles.publish(profile(3))
+    stop = client.node.create_client(Trigger, 'recorder/stop')
+    client.until(stop.service_is_ready)
+    stopped = stop.call_async(Trigger.Request())
+    client.until(lambda: 'closing: 1' in client.diagnostic('recorder'))
+    connection.rollback()
+    connection.close()
+    client.set('recorder', scan_id='s2', scan_folder=str(tmp_path / 's2'))
+    assert client.trigger('recorder/start')[0]
+    del recorded[:]
+    client.until(stopped.done)
+    assert json.loads(stopped.result().message)['scan_id'] == 's1'
+    for seq in range(2):
+        profiles.publish(profile(seq))
+    client.until(lambda: recorded and recorded[-1].data == 1, what='not recorded')
+    # ``recorded`` is of the running scan only
+    assert all(message.data <= 1 for message in recorded)
+    success, answer = client.trigger('recorder/stop')
+    assert success, answer
+    assert answer['scan_id'] == 's2'
+    assert [row.seq for row in Catalogue(tmp_path).profiles('s2')] == [0, 1]
+    assert [row.seq for row in Catalogue(tmp_path).profiles('s1')] == [0, 1, 2, 3]
+
+
+def test_recording_ends_when_another_orchestrator_takes_over(client, scan):
+    beats = client.publisher(Header, 'orchestrator/heartbeat')
+    ready(client, beats)
+    client.set('recorder', owner='first')
+    try:
+        assert client.trigger('recorder/start')[0]
+        for life in ('first', 'second'):
+            beats.publish(Header(frame_id=f'orchestrator/{life}/9.0'))
+            client.spin(0.1)
+        assert not (scan / 'scan.mcap').exists()
+
+        def ended():
+            beats.publish(Header(frame_id='orchestrator/second/9.0'))
+            return (scan / 'scan.mcap').exists()
+
+        client.until(ended, 10.0, 'the bag was not finished')
+        client.until(lambda: 'the orchestrator was restarted' in client.diagnostic('recorder'))
+    finally:
+        client.set('recorder', owner='')

@@ -43,7 +43,7 @@ def test_stage_out_of_order_is_refused(stage, after):
         machine_at(stage).advance(Stage(after))
 
 
-@pytest.mark.parametrize('stage', ['IDLE', 'REGISTERING', 'DONE'])
+@pytest.mark.parametrize('stage', ['REGISTERING', 'FINISHING', 'DONE'])
 def test_pause_without_profiles_is_refused(stage):
     with pytest.raises(StateError, match='can be paused while'):
         machine_at(stage).pause()
@@ -56,7 +56,32 @@ def test_resume_without_pause_is_refused():
 
 def test_cancel_without_scan_is_refused():
     with pytest.raises(StateError, match='no scan is running'):
-        machine_at('IDLE').cancel()
+        machine_at('DONE').cancel()
+
+
+@pytest.mark.parametrize('request_name', ['cancel', 'pause'])
+def test_request_to_a_scan_before_its_first_step_is_kept(request_name):
+    machine = machine_at('IDLE')
+    getattr(machine, request_name)()
+    machine.advance(Stage.PREPARING)
+    assert machine.pause_requested == (request_name == 'pause')
+    if request_name == 'cancel':
+        with pytest.raises(CancelledError):
+            machine.raise_if_cancelled()
+
+
+def test_cancel_while_finishing_is_refused():
+    with pytest.raises(StateError, match='the mesh is complete'):
+        machine_at('FINISHING').cancel()
+
+
+@pytest.mark.parametrize('request_name', ['cancel', 'pause', 'resume'])
+def test_request_to_a_scan_that_is_ending_is_refused(request_name):
+    machine = machine_at('SCANNING')
+    machine.pause()
+    machine.refuse_requests()
+    with pytest.raises(StateError, match='is ending'):
+        getattr(machine, request_name)()
 
 
 def test_cancel_makes_the_check_raise():

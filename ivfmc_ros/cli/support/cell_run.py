@@ -140,12 +140,12 @@ def command(run: CellRun, node: str) -> list[str]:
     file = run.config / f'{node}.yaml'
     if file.is_file():
         words += ['--params-file', str(file)]
-    for name, value in {**_own(run, node), **run.overrides.get(node, {})}.items():
+    for name, value in {**own_parameters(run, node), **run.overrides.get(node, {})}.items():
         words += ['-p', f'{name}:={_text(value)}']
     return words
 
 
-def _own(run: CellRun, node: str) -> dict[str, Any]:
+def own_parameters(run: CellRun, node: str) -> dict[str, Any]:
     """Return the parameters that follow from where this run is."""
     cell, root = str(run.cell.absolute()), str(run.scans.absolute())
     found: dict[str, dict[str, Any]] = {

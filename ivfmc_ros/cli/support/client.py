@@ -52,6 +52,7 @@ class CellClient:
         from diagnostic_msgs.msg import DiagnosticStatus
         import rclpy
         from rclpy.executors import SingleThreadedExecutor
+        from std_msgs.msg import Header
 
         from ivfmc_ros.nodes.framework import qos
 
@@ -64,6 +65,15 @@ class CellClient:
         self.node.create_subscription(
             DiagnosticStatus, 'scan_status', self._hear, qos.of_topic('scan_status')
         )
+        self._heard_s = time.monotonic()
+        self.node.create_subscription(
+            Header, 'orchestrator/heartbeat', self._hear_heartbeat, qos.reliable(10)
+        )
+
+    @property
+    def silent_s(self) -> float:
+        """Seconds since the last heartbeat of the orchestrator."""
+        return time.monotonic() - self._heard_s
 
     def close(self) -> None:
         """Leave the graph."""
@@ -182,6 +192,9 @@ class CellClient:
                 qos.reliable(10),
             )
         return received
+
+    def _hear_heartbeat(self, _: Any) -> None:
+        self._heard_s = time.monotonic()
 
     def _hear(self, message: Any) -> None:
         self.status = {item.key: item.value for item in message.values}

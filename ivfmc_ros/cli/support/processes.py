@@ -44,6 +44,7 @@ class Processes:
     Processes that run together; the end of the ``with`` block ends all of them.
 
     say : called with (name of the process, line), from several threads
+    codes : exit codes by name after the end, negative for a signal
     """
 
     def __init__(self, say: Say) -> None:
@@ -51,6 +52,7 @@ class Processes:
         self._lock = threading.Lock()
         self._running: dict[str, subprocess.Popen[str]] = {}
         self._readers: list[threading.Thread] = []
+        self.codes: dict[str, int] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -114,6 +116,17 @@ class Processes:
                 return Ended(name=name, code=code)
         return None
 
+    def code_of(self, name: str) -> int | None:
+        """Return the exit code of a program, None while it runs."""
+        return self._running[name].poll()
+
+    def kill(self, name: str) -> None:
+        """Kill a program and what it has started, also where it is stopped, and wait for that."""
+        process = self._running.get(name)
+        if process is not None:
+            _signal(process.pid, signal.SIGKILL, group=True)
+            _wait([process], _PATIENCE[-1][1])
+
     def stop(self) -> None:
         """End all programs, the last one first, and what they have started."""
         for number, seconds in _PATIENCE:
@@ -124,6 +137,7 @@ class Processes:
         for process in self._running.values():
             # a program that ended badly may have left children
             _signal(process.pid, signal.SIGKILL, group=True)
+        self.codes = {name: p.returncode or 0 for name, p in self._running.items()}
         self._running.clear()
         for reader in self._readers:
             reader.join(timeout=1.0)

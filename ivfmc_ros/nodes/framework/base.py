@@ -28,7 +28,6 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
-from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from ivfmc_ros.errors import ScanError
@@ -41,10 +40,13 @@ from ivfmc_ros.nodes.framework.json_response import Answer
 from ivfmc_ros.nodes.framework.json_response import describe
 from ivfmc_ros.nodes.framework.json_response import error_response
 from ivfmc_ros.nodes.framework.json_response import success_response
+from ivfmc_ros.nodes.framework.life import HEARTBEAT_S
+from ivfmc_ros.nodes.framework.life import Life
 from ivfmc_ros.nodes.framework.parameters import ParameterNode
 from ivfmc_ros.nodes.framework.service_retry import retry_responses
+from ivfmc_ros.nodes.framework.shutdown import flush
+from ivfmc_ros.nodes.framework.shutdown import ShutdownRequest
 
-HEARTBEAT_S = 0.1
 DIAGNOSTICS_S = 1.0
 
 # Seconds from the start of a node within which a missing input is no warning. The slowest input
@@ -54,8 +56,6 @@ STARTUP_S = 60.0
 
 # Exceptions in a row out of spin_once, without one success, after which the executor is broken.
 _MAX_SPIN_FAILURES = 1000
-# Seconds that a node may take to shut down: turntable and recorder need up to 10.
-_SHUTDOWN_S = 20.0
 
 Handler = Callable[[], Answer | Awaitable[Answer]]
 Received = Callable[[], object]
@@ -81,11 +81,13 @@ class CellNode(ParameterNode):
         self._started_s = self.steady_s()
         # services may await without blocking timers or each other
         self._services_group = ReentrantCallbackGroup()
-        self._heartbeat = self.create_publisher(Header, '~/heartbeat', qos.reliable(10))
+        self.life = Life(self, self.guarded(self.on_settled))
+        # why the node ends, '' while it runs
+        self.ending = ''
         self._diagnostics = self.create_publisher(
             DiagnosticArray, '/diagnostics', qos.reliable(10)
         )
-        self.steady_timer(HEARTBEAT_S, self._publish_heartbeat)
+        self.steady_timer(HEARTBEAT_S, self.life.beat)
         self.steady_timer(DIAGNOSTICS_S, self._publish_diagnostics)
 
     def steady_timer(self, period_s: float, callback: Callable[[], object]) -> Any:
@@ -216,6 +218,8 @@ class CellNode(ParameterNode):
 
         async def answer(request: Any, response: Any) -> Any:
             try:
+                # a second node of this name must not answer
+                await self.life.settled()
                 result = handler(request)
                 if inspect.isawaitable(result):
                     result = await result
@@ -263,27 +267,38 @@ class CellNode(ParameterNode):
         """Return the steady clock, seconds."""
         return float(self.steady_clock.now().nanoseconds) * 1e-9
 
+    def on_settled(self) -> None:
+        """Begin to act on the cell: there is no second node of this name; a subclass overrides."""
+
     def stop(self) -> None:
-        """Clean up before the process ends; a subclass extends it."""
+        """
+        Clean up before the process ends; a subclass extends it.
+
+        ``ending`` says why.
+        """
 
     def before_diagnosis(self) -> None:
         """Update ``status`` and conditions before they are published; a subclass overrides it."""
-
-    def _publish_heartbeat(self) -> None:
-        header = Header(frame_id=self.get_name())
-        header.stamp = self.get_clock().now().to_msg()
-        self._heartbeat.publish(header)
 
     def _publish_diagnostics(self) -> None:
         self._check_inputs()
         self.before_diagnosis()
         self.health.log_ended()
         level, message = self.health.worst()
+        self._send_diagnostics(level, message or self._activity or 'running')
+
+    def say_end(self) -> None:
+        """Publish why the node ends, as its last act."""
+        name = ' (second node of this name)' if self.life.refusal else ''
+        self._send_diagnostics(Level.ERROR, f'ended: {self.ending}', name)
+        flush(self._diagnostics)
+
+    def _send_diagnostics(self, level: Level, message: str, suffix: str = '') -> None:
         values = {'status': self._activity, **self._values, **self.health.messages}
         status = DiagnosticStatus(
             level=bytes([level]),
-            name=self.get_fully_qualified_name().lstrip('/'),
-            message=message or self._activity or 'running',
+            name=self.get_fully_qualified_name().lstrip('/') + suffix,
+            message=message,
             hardware_id=self.get_namespace().strip('/'),
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
         )
@@ -315,7 +330,7 @@ def run(make: Callable[[], CellNode], arguments: Sequence[str] | None = None) ->
 
     make : the node's class; called after rclpy.init
     returns : exit code: 0 after a signal, 1 when the executor failed, 2 when the node could not
-        be created
+        be created, or another of its name runs
     """
     environment.prepare()
     # own handlers: rclpy's shut the context down before a node can turn its lasers off
@@ -323,9 +338,9 @@ def run(make: Callable[[], CellNode], arguments: Sequence[str] | None = None) ->
         args=None if arguments is None else list(arguments),
         signal_handler_options=SignalHandlerOptions.NO,
     )
-    shutdown = threading.Event()
+    shutdown = ShutdownRequest()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: _request_shutdown(shutdown))
+        signal.signal(number, lambda number, _: shutdown.request(number))
     try:
         node = make()
     except ScanError as error:
@@ -340,23 +355,22 @@ def run(make: Callable[[], CellNode], arguments: Sequence[str] | None = None) ->
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
-        return _spin(node, executor, shutdown)
+        code, node.ending = _spin(node, executor, shutdown)
+        return code
     finally:
         _shut_down(node, executor)
 
 
-def _request_shutdown(shutdown: threading.Event) -> None:
-    """Let ``_spin`` return, and have the process killed where that hangs."""
-    if not shutdown.is_set():
-        shutdown.set()
-        # by the kernel: a thread would not be scheduled while the interpreter hangs
-        signal.setitimer(signal.ITIMER_REAL, _SHUTDOWN_S)
-
-
-def _spin(node: CellNode, executor: SingleThreadedExecutor, shutdown: threading.Event) -> int:
+def _spin(
+    node: CellNode, executor: SingleThreadedExecutor, shutdown: ShutdownRequest
+) -> tuple[int, str]:
+    """Return exit code and reason of the end."""
     failures = 0
     # the heartbeat timer returns from spin_once often enough to see the signal
-    while not shutdown.is_set() and rclpy.ok():
+    while not shutdown.reason and rclpy.ok():
+        if node.life.refusal:
+            node.get_logger().fatal(f'cannot start: {node.life.refusal}')
+            return 2, node.life.refusal
         try:
             executor.spin_once(timeout_sec=0.5)
             failures = 0
@@ -366,12 +380,13 @@ def _spin(node: CellNode, executor: SingleThreadedExecutor, shutdown: threading.
             node.fault('executor', error)
             failures += 1
             if failures > _MAX_SPIN_FAILURES:
-                return 1
-    return 0
+                return 1, f'the executor failed: {describe(error)}'
+    return 0, shutdown.reason or 'ROS was shut down'
 
 
 def _shut_down(node: CellNode, executor: SingleThreadedExecutor) -> None:
     _call_safely(node, node.stop)
+    _call_safely(node, node.say_end)
     # an executor that is still open at interpreter exit raises in its destructor
     _call_safely(node, lambda: executor.shutdown(timeout_sec=0.0))
     _call_safely(node, node.destroy_node)

@@ -86,8 +86,9 @@ HANGING = """
 import ctypes
 import sys
 from ivfmc_ros.nodes.framework import base
+from ivfmc_ros.nodes.framework import shutdown
 
-base._SHUTDOWN_S = 1.0
+shutdown.SHUTDOWN_S = 1.0
 
 class Hanging(base.CellNode):
     def __init__(self):
@@ -162,6 +163,39 @@ def test_heartbeat_continues_while_a_service_waits(client, script):
         assert json.loads(future.result().message) == {'code': 'OK', 'slept': 1.0}
         # published at 10 Hz; the interface promises 5 Hz
         assert len(beats) - before >= 5
+
+
+def test_second_node_of_a_name_refuses_and_answers_nothing(client, script):
+    script(PLAIN)
+    first = NodeProcess('plain')
+    try:
+        assert client.trigger('top')[0]
+        second = NodeProcess('plain')
+        try:
+            second.process.wait(60)
+        finally:
+            code = second.end()
+        assert code == 2, second.output
+        assert 'a node /ivfmc/plain runs already' in second.output
+        # the diagnostics of the second are not those of the first
+        client.spin(0.0)
+        assert 'ended' not in client.diagnostic('plain')
+        assert first.alive
+    finally:
+        first.end(signal.SIGKILL)
+    # a dead node stays in the graph for a while, and makes no other refuse
+    beats = client.collect(Header, 'plain/heartbeat')
+    with running('plain'):
+        client.until(lambda: beats and float(beats[-1].frame_id.split('/')[2]) > 3.5)
+
+
+def test_last_act_of_a_node_is_the_reason_of_its_end(client, script):
+    script(PLAIN)
+    node = NodeProcess('plain')
+    client.until(lambda: client.diagnostic('plain'))
+    node.process.send_signal(signal.SIGTERM)
+    client.until(lambda: 'ended: signal SIGTERM received' in client.diagnostic('plain'), 10.0)
+    assert node.end() == 0
 
 
 def test_invalid_parameter_of_the_command_line_is_rejected_by_name(script):

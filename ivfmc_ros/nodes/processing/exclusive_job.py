@@ -1,0 +1,95 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The one long job of registrar or mesher: it belongs to a scan, and ends with it."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from ivfmc_ros.errors import BusyError
+from ivfmc_ros.errors import CancelledError
+from ivfmc_ros.nodes.framework.base import CellNode
+from ivfmc_ros.worker import Job
+from ivfmc_ros.worker import Worker
+
+
+class Claim:
+    """The right to work for one request; ``cancelled`` says why it was withdrawn, or ''."""
+
+    def __init__(self) -> None:
+        self.cancelled = ''
+
+    def require(self) -> None:
+        """:raises CancelledError: the work was cancelled."""
+        if self.cancelled:
+            raise CancelledError(self.cancelled)
+
+
+class ExclusiveJob:
+    """Runs one request at a time, its long calls in a child process that can be killed."""
+
+    def __init__(self, node: CellNode) -> None:
+        self._node = node
+        self._worker = Worker()
+        self._claim: Claim | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether a request is being worked on."""
+        return self._claim is not None
+
+    @contextmanager
+    def claim(self, what: str) -> Iterator[Claim]:
+        """
+        Reserve the worker for the time of the block.
+
+        what : that runs, for the error of a second request
+        :raises BusyError: another request is being worked on
+        """
+        if self._claim is not None:
+            raise BusyError(f'{self._node.get_name()}: {what} is running already')
+        claim = self._claim = Claim()
+        try:
+            yield claim
+        finally:
+            if self._claim is claim:
+                self._claim = None
+
+    async def run(self, claim: Claim, job: Job, *arguments: Any) -> Any:
+        """
+        Run a job in the child process and return its result.
+
+        :raises CancelledError: the claim was withdrawn, also in the moment in which the job ended
+        :raises ScanError: the job failed
+        """
+        claim.require()
+
+        def work() -> Any:
+            return self._worker.run(job, *arguments, cancelled=lambda: bool(claim.cancelled))
+
+        try:
+            result = await self._node.in_thread(work)
+        except CancelledError:
+            claim.require()
+            raise
+        claim.require()
+        return result
+
+    def cancel(self, reason: str) -> bool:
+        """
+        End the work on the present request; its caller gets CANCELLED.
+
+        The next request can begin at once.
+
+        :returns: whether there was one
+        """
+        claim, self._claim = self._claim, None
+        if claim is None:
+            return False
+        claim.cancelled = reason
+        self._worker.kill()
+        return True
+
+    def close(self) -> None:
+        """Kill the child process."""
+        self._worker.close()
