@@ -1,0 +1,26 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+import pytest
+
+from ivfmc_ros.scan.job import Outcome
+from ivfmc_ros.scan.table_verdict import judge_table
+
+
+def judged(**table):
+    outcome = Outcome(registration={'table': table} if table else {})
+    judge_table(outcome)
+    return outcome.code, outcome.detail
+
+
+@pytest.mark.parametrize('code', ['SLIPPED', 'NOT_CONVERGED'])
+def test_scan_whose_views_disagree_is_not_ok(code):
+    assert judged(code=code, detail='by +5.00 degrees') == (code, 'by +5.00 degrees')
+
+
+def test_scan_that_could_not_be_checked_says_so_beside_ok():
+    assert judged(code='UNCHECKED', detail='one sweep') == ('OK', 'UNCHECKED: one sweep')
+
+
+def test_scan_whose_views_agree_says_nothing():
+    assert judged(code='OK', detail='the part is round') == ('OK', '')
+    assert judged() == ('OK', '')
