@@ -105,10 +105,15 @@ class Bag:
         where = f'{self.path}: {name}'
         if topic.encoding != cdr.ENCODING:
             raise BagError(f'{where}: is encoded as {topic.encoding!r}, only cdr can be read')
-        if not topic.definition:
+        definition, schema_encoding = topic.definition, topic.schema_encoding
+        if not definition and topic.msgtype and cdr.knows(cdr.full_name(topic.msgtype)):
+            # some recorders leave the definitions of known types out
+            definition = cdr.definition(cdr.full_name(topic.msgtype))
+            schema_encoding = 'ros2msg'
+        if not definition:
             raise BagError(f'{where}: the bag has no message definition (schema) of the topic')
         try:
-            decode = cdr.decoder(topic.msgtype, topic.schema_encoding, topic.definition)
+            decode = cdr.decoder(topic.msgtype, schema_encoding, definition)
         except BagError as error:
             raise BagError(f'{where}: {error}') from error
 

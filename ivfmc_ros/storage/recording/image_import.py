@@ -5,6 +5,7 @@
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 import math
 from pathlib import Path
 import re
@@ -34,6 +35,10 @@ _DWELL = 0.5
 
 # Greatest difference of successive positions, radians: unwrapping is ambiguous from half a turn.
 _MAX_POSITION_STEP = math.pi / 4
+# Greatest angle from the first image to the last, radians: one turn, and an overlap of the same.
+_MAX_TURN = 4.0 * math.pi + 1e-6
+# A gap that is a greater share of all numbers is not made of single images that are missing.
+_MAX_GAP_SHARE = 0.25
 # Numbers in file names that are further apart on average are times or ids, not steps.
 _MAX_MEAN_GAP = 1000
 
@@ -69,12 +74,47 @@ def images_by_number(images: Sequence[Path], step: float) -> tuple[list[ImageAtA
             f'{first} to {last}, which are not steps; number the images, or give an angles file'
         )
     ordered = sorted(numbered)
+    _require_one_turn(images[0].parent, ordered, step)
     # + 0.0 turns -0.0 into 0.0
     steps = [
         ImageAtAngle(path=numbered[number], angle=(number - first) * step + 0.0)
         for number in ordered
     ]
     return steps, sorted(set(range(first, last + 1)) - numbered.keys())
+
+
+def _require_one_turn(folder: Path, numbers: Sequence[int], step: float) -> None:
+    """
+    Check that numbers can be steps of one turn.
+
+    :raises FileError: they are those of a counter that began anew, of times or of dates
+    """
+    first, last = numbers[0], numbers[-1]
+    turned = (last - first) * abs(step)
+    cause = _other_meaning(numbers)
+    if turned <= _MAX_TURN and not cause:
+        return
+    raise FileError(
+        f'{folder}: the numbers {first} to {last} in the names of {len(numbers)} images are no '
+        f'steps of one turn: at {math.degrees(abs(step)):g} degrees a step they are '
+        f'{math.degrees(turned):.0f} degrees{cause and "; "}{cause}; number the images step1, '
+        'step2, ..., correct --step, or give an angles file'
+    )
+
+
+def _other_meaning(numbers: Sequence[int]) -> str:
+    """Return what ascending numbers seem to be instead of steps, or ''."""
+    pairs = list(pairwise(numbers))
+    is_full = str(numbers[-1]) in {'999', '9999', '99999', '65535'}
+    gap = max((b - a for a, b in pairs), default=0)
+    if numbers[0] <= 1 and is_full and gap > _MAX_GAP_SHARE * numbers[-1]:
+        return f'a counter seems to have begun anew after {numbers[-1]}'
+    if all(number % 100 < 60 for number in numbers) and any(
+        a % 100 == 59 and b == a + 41 for a, b in pairs
+    ):
+        return 'they seem to be times of day'
+    dates = all(19000101 <= n <= 21001231 and 1 <= n // 100 % 100 <= 12 for n in numbers)
+    return 'they seem to be dates' if dates else ''
 
 
 def _number(path: Path) -> int:

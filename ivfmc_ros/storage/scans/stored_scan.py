@@ -22,6 +22,7 @@ from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.cell_file import load_cell
 from ivfmc_ros.errors import BagError
 from ivfmc_ros.errors import CatalogueError
+from ivfmc_ros.errors import CellError
 from ivfmc_ros.model import Profile
 from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.bag.reader import RawMessage
@@ -53,7 +54,20 @@ def load_profiles(
     folder = catalogue.scan(scan_id).folder
     camera = load_camera(camera_path or folder / 'camera.yaml')
     cell = load_cell(cell_path or folder / 'cell.yaml', camera)
-    return list(read_profiles(catalogue, scan_id)), cell
+    profiles = list(read_profiles(catalogue, scan_id))
+    _require_lasers(profiles, cell, cell_path or folder / 'cell.yaml')
+    return profiles, cell
+
+
+def _require_lasers(profiles: Sequence[Profile], cell: Cell, path: Path) -> None:
+    """:raises CellError: a profile was taken by a laser that the cell does not have."""
+    greatest = max(profile.laser for profile in profiles)
+    if greatest >= len(cell.lasers):
+        names = ', '.join(laser.name for laser in cell.lasers)
+        raise CellError(
+            f'{path}: lasers: has {len(cell.lasers)} ({names}), the scan was taken with at least '
+            f'{greatest + 1}; use the cell.yaml of the scan'
+        )
 
 
 def read_profiles(catalogue: Catalogue, scan_id: str) -> Iterator[Profile]:

@@ -1,5 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
 from pathlib import Path
 import random
 
@@ -174,6 +175,16 @@ def test_missing_schema_is_named(write_mcap):
     path = write_mcap(('/a', JOINT, _joints(1)), ('/b', None, [b'\0\1\0\0']))
     with pytest.raises(BagError, match='/b: the bag has no message definition'):
         open_bag(path).decoder('/b')
+
+
+def test_empty_definition_of_a_known_type_is_that_of_jazzy(write_mcap):
+    bag = open_bag(write_mcap(('/a', JOINT, _joints(2))))
+    empty = replace(bag.topics['/a'], definition='', schema_encoding='')
+    decode = replace(bag, topics={'/a': empty}).decoder('/a')
+    assert [list(decode(raw).name) for raw in bag.messages(['/a'])] == [['turntable_joint']] * 2
+    unknown = replace(empty, msgtype='mine/msg/Odd')
+    with pytest.raises(BagError, match='/a: the bag has no message definition'):
+        replace(bag, topics={'/a': unknown}).decoder('/a')
 
 
 def test_message_that_does_not_fit_is_named(write_mcap):

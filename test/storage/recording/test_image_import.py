@@ -41,6 +41,27 @@ def test_two_images_of_one_step_are_refused():
         images_by_number(_paths('a1.jpg', 'a01.jpg'), 0.1)
 
 
+@pytest.mark.parametrize(
+    ('numbers', 'step', 'problem'),
+    [
+        (range(1000), 1.0, r'no steps of one turn: at 1 degrees a step they are 999 degrees'),
+        ([*range(9990, 10000), *range(20)], 0.01, 'a counter seems to have begun anew after 9999'),
+        ([*range(101550, 101560), *range(101600, 101610)], 1.0, 'seem to be times of day'),
+        ([20260130, 20260131, 20260201], 1.0, 'seem to be dates'),
+    ],
+)
+def test_numbers_that_are_no_steps_of_one_turn_are_refused(numbers, step, problem):
+    with pytest.raises(FileError, match=problem):
+        images_by_number(_paths(*(f'img{n:04d}.png' for n in numbers)), math.radians(step))
+
+
+def test_counter_with_gaps_is_no_fault():
+    numbers = [1, 2, 5, 6, 40, 59, 99]
+    steps, gaps = images_by_number(_paths(*(f'img{n}.png' for n in numbers)), math.radians(3.6))
+    assert len(steps) == 7
+    assert len(gaps) == 92
+
+
 def test_measured_angles_are_assigned_by_name():
     steps = images_by_angles(_paths('d/a.jpg', 'd/b.jpg'), {'b.jpg': 2.0, 'a.jpg': 1.0}, Path('y'))
     assert [step.angle for step in steps] == [1.0, 2.0]

@@ -1,10 +1,16 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from support.synthetic import small_cell
 
+from ivfmc_ros.cell.camera_file import save_camera
+from ivfmc_ros.cell.cell_file import save_cell
 from ivfmc_ros.errors import BagError
 from ivfmc_ros.errors import CatalogueError
+from ivfmc_ros.errors import CellError
 from ivfmc_ros.storage.bag.writer import PART_NAME
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.messages import cdr
@@ -13,6 +19,7 @@ from ivfmc_ros.storage.messages.point_clouds import POINT_FIELD_DTYPES
 from ivfmc_ros.storage.messages.point_clouds import PROFILE_POINT_DTYPE
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 from ivfmc_ros.storage.recording.live_recorder import LiveRecorder
+from ivfmc_ros.storage.scans.stored_scan import load_profiles
 from ivfmc_ros.storage.scans.stored_scan import read_profiles
 
 TOPIC = '/ivfmc/profile'
@@ -110,3 +117,16 @@ def test_changed_bag_is_refused(catalogue, tmp_path):
     file.write_bytes(data)
     with pytest.raises(BagError, match='damaged'):
         list(read_profiles(catalogue, 's1'))
+
+
+def test_cell_of_fewer_lasers_is_refused(catalogue, tmp_path):
+    cell = small_cell()
+    save_camera(tmp_path / 'camera.yaml', cell.camera)
+    for count in (2, 1):
+        save_cell(tmp_path / 'cell.yaml', replace(cell, lasers=cell.lasers[:count]))
+        files = tmp_path / 'cell.yaml', tmp_path / 'camera.yaml'
+        if count == 2:
+            assert len(load_profiles(tmp_path, 's1', *files)[0]) == 3
+            continue
+        with pytest.raises(CellError, match=r'cell\.yaml: lasers: has 1 \(left\), .* least 2'):
+            load_profiles(tmp_path, 's1', *files)
