@@ -24,6 +24,7 @@ from ivfmc_ros.scan import scan_folder
 from ivfmc_ros.scan.job import Outcome
 from ivfmc_ros.scan.job import run_job
 from ivfmc_ros.scan.progress import ScanProgress
+from ivfmc_ros.scan.state_machine import FINAL_STAGES
 from ivfmc_ros.scan.state_machine import Stage
 from ivfmc_ros.scan.state_machine import StateMachine
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
@@ -162,7 +163,7 @@ class RunningScan:
         progress = self._progress
         result = self.result
         stage = self.machine.stage
-        if result is not None and self.machine.running:
+        if result is not None and stage not in FINAL_STAGES:
             # the orchestrator ends before the scan
             stage = Stage.FAILED
         return {
