@@ -356,7 +356,8 @@ CONTINUOUS = {'motion': 'continuous', 'profiles': 24, 'profile_rate': 20.0, 'lea
 
 def test_missing_angles_are_taken_again(client, fake, orchestrator):
     client.set('orchestrator', **CONTINUOUS, lasers=['left'])
-    # once, in the first of the turns
+    # once, in the turn after the position that the orchestrator knows
+    client.spin(0.5)
     fake.stalls = [(2.0 * math.pi + 1.0, 2.0 * math.pi + 3.0)]
     success, answer = client.trigger('scan', 60.0)
     assert success, answer
@@ -368,7 +369,8 @@ def test_missing_angles_are_taken_again(client, fake, orchestrator):
 
 def test_angles_that_stay_missing_end_the_scan_as_incomplete(client, fake, orchestrator, root):
     client.set('orchestrator', **CONTINUOUS, lasers=['left'])
-    fake.stalls = [(turn + 1.0, turn + 3.0) for turn in (0.0, 6.2832, 12.5664, 18.8496, 25.1327)]
+    turns = [2.0 * math.pi * turn for turn in range(40)]
+    fake.stalls = [(turn + 1.0, turn + 3.0) for turn in turns]
     success, answer = client.trigger('scan', 60.0)
     assert (success, answer['code']) == (False, 'INCOMPLETE')
     (view,) = answer['completeness']['views']
