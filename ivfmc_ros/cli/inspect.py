@@ -225,6 +225,8 @@ def _print(found: Inspection, figures: dict[str, Any], output: Path) -> None:
         values = [f'{row[key] * 1e3:.4f}' if np.isfinite(row[key]) else '' for key in keys]
         table.add_row(row['name'], *values, _colored(row))
     stdout.print(table)
+    for note in found.notes:
+        stdout.print(escape(note), soft_wrap=True)
     if found.unseen:
         stdout.print(f'not measured, not judged: {", ".join(found.unseen)}')
     if not found.calibrated:

@@ -11,7 +11,6 @@ from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.inspection import verdict as rule
-from ivfmc_ros.inspection.alignment import align
 from ivfmc_ros.inspection.alignment import Alignment
 from ivfmc_ros.inspection.comparison import Comparison
 from ivfmc_ros.inspection.deviation import Deviation
@@ -19,6 +18,8 @@ from ivfmc_ros.inspection.deviation import summarize
 from ivfmc_ros.inspection.feature_measurement import FeatureResult
 from ivfmc_ros.inspection.feature_measurement import measure_features
 from ivfmc_ros.inspection.mesh_file import MeshBody
+from ivfmc_ros.inspection.nominal_faults import align_to_nominal
+from ivfmc_ros.inspection.nominal_faults import oriented
 from ivfmc_ros.inspection.regions import segment_surface
 from ivfmc_ros.inspection.regions import SurfaceRegion
 from ivfmc_ros.inspection.settings import InspectSettings
@@ -61,6 +62,8 @@ class Inspection:
     uncertainty : (n,) meters, standard uncertainty of the deviations
     calibrated : the uncertainty includes that of the calibration
     unseen : names of the nominal's regions without a measured vertex; they have no verdict
+    notes : what was found wrong with the nominal, and what was done about it
+    misplaced : the mesh does not lie on the nominal: nothing is decided
     """
 
     vertices_xyz: Floats
@@ -73,6 +76,8 @@ class Inspection:
     features: list[FeatureResult]
     calibrated: bool
     unseen: list[str]
+    notes: list[str]
+    misplaced: bool
 
 
 def inspect(
@@ -90,10 +95,13 @@ def inspect(
     alignment : known alignment, for example from datum points; None: by ``settings.align``
     :raises GeometryError: the mesh is empty or does not determine a pose
     """
+    nominal, notes = oriented(nominal)
     surface = Surface(nominal.vertices_xyz, nominal.faces)
     measured = _measured(mesh)
     scaled = mesh.vertices_xyz * settings.conditions.to_reference
-    alignment = alignment or align(scaled[measured], surface, nominal.vertices_xyz, settings.align)
+    placing: list[str] = []
+    if alignment is None:
+        alignment, placing = align_to_nominal(scaled[measured], surface, nominal, settings.align)
     T = alignment.nominal_from_mesh
     vertices = transforms.apply(T, scaled)
     normals = triangle_normals.vertex_normals(mesh.vertices_xyz, mesh.faces)
@@ -132,6 +140,8 @@ def inspect(
         regions=_regions(found, owner, comparison),
         features=measure_features(found, owner, comparison),
         calibrated=bool(len(modes.shifts)),
+        notes=notes + placing,
+        misplaced=bool(placing) and alignment.method == settings.align,
         unseen=[region.name for k, region in enumerate(found) if not (owner == k).any()],
     )
 

@@ -25,13 +25,20 @@ def document(inspection: Inspection, settings: InspectSettings) -> dict[str, Any
         },
         'conditions': asdict(settings.conditions),
         'unseen': inspection.unseen,
+        'notes': inspection.notes,
         'surface': [_surface(result) for result in [inspection.whole, *inspection.regions]],
         'features': [_feature(feature) for feature in inspection.features],
     }
 
 
 def verdict(inspection: Inspection) -> str:
-    """Return the overall verdict: fail if any result fails, pass if all pass, else not decided."""
+    """
+    Return the overall verdict: fail if any result fails, pass if all pass, else not decided.
+
+    Nothing is decided where the mesh does not lie on the nominal.
+    """
+    if inspection.misplaced:
+        return 'not decided'
     verdicts = {result.verdict for result in [inspection.whole, *inspection.regions]}
     verdicts |= {feature.verdict for feature in inspection.features}
     return next((v for v in ('fail', 'not decided') if v in verdicts), 'pass')
