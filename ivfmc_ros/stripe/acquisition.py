@@ -218,9 +218,7 @@ class Acquisition:
         extents = [
             connected_extent(wide.profile(frame).points_xyz, volume, limit) for frame in frames
         ]
-        return judge_clipping(
-            counts.pictures, counts.cut_radius, counts.cut_top, volume, extents
-        )
+        return judge_clipping(counts.pictures, counts.cut_radius, counts.cut_top, volume, extents)
 
     def _masked(self, frame: Frame) -> Image:
         """Return the region of interest, transposed so that there is one stripe point per row."""
