@@ -1,20 +1,20 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The commands that the README documents for a real scan, and what they must achieve."""
+"""The commands that the documentation gives for a real scan, and what they must achieve."""
 
 import json
 
 import numpy as np
 import pytest
 from support.box_fit import fit_box
-from support.real_scan import run_readme_sequence
+from support.real_scan import run_documented_commands
 import trimesh
 
 
 @pytest.fixture(scope='module')
 def scanned(tmp_path_factory, data_dir):
     folder = tmp_path_factory.mktemp('real_scan')
-    seconds = run_readme_sequence(data_dir / 'turntable_laser', folder)
+    seconds = run_documented_commands(data_dir / 'turntable_laser', folder)
     return folder, seconds
 
 

@@ -10,7 +10,7 @@ import time
 import numpy as np
 from support.box_fit import fit_box
 from support.real_scan import measured_scan
-from support.real_scan import run_readme_sequence
+from support.real_scan import run_documented_commands
 import trimesh
 
 from bench import at_least
@@ -67,13 +67,13 @@ def scan_demo_part(optics: Optics) -> Deviation:
 
 
 def real() -> Iterator[Number]:
-    """Angles and flatness of a real block, scanned by the commands of the README."""
+    """Angles and flatness of a real block, scanned by the commands of the documentation."""
     data = measured_scan()
     if data is None:
         return
     with tempfile.TemporaryDirectory() as folder:
         start = time.perf_counter()
-        seconds = run_readme_sequence(data, Path(folder))
+        seconds = run_documented_commands(data, Path(folder))
         total = time.perf_counter() - start
         after = seconds['import-images'] + seconds['reconstruct']
         mesh = trimesh.load(Path(folder) / 'result' / 'mesh.ply', process=False)

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the commands that the README documents for the measured scan, in order."""
+"""Runs the commands that the tutorial on calibration documents for the measured scan, in order."""
 
 import os
 from pathlib import Path
@@ -11,6 +11,7 @@ import sys
 import time
 
 ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / 'docs/tutorials/calibrate-a-cell.md'
 _BLOCK = re.compile(r'<!-- real scan -->\n```\w*\n(.*?)```', re.DOTALL)
 
 
@@ -25,16 +26,16 @@ def measured_scan() -> Path | None:
     return folder if folder.is_dir() else None
 
 
-def readme_commands() -> list[list[str]]:
-    """Return the commands of the README's block on a real scan, split into words."""
-    found = _BLOCK.search((ROOT / 'README.md').read_text(encoding='utf-8'))
+def documented_commands() -> list[list[str]]:
+    """Return the commands of the tutorial's block on a real scan, split into words."""
+    found = _BLOCK.search(PAGE.read_text(encoding='utf-8'))
     if found is None:
-        raise LookupError('README.md has no block after <!-- real scan -->')
+        raise LookupError(f'{PAGE} has no block after <!-- real scan -->')
     text = found.group(1).replace('\\\n', ' ')
     return [shlex.split(line) for line in text.splitlines() if line.startswith('ivfmc ')]
 
 
-def run_readme_sequence(data: Path, folder: Path) -> dict[str, float]:
+def run_documented_commands(data: Path, folder: Path) -> dict[str, float]:
     """
     Run the commands in ``folder``, with ``data`` as the folder 'data' in it.
 
@@ -43,7 +44,7 @@ def run_readme_sequence(data: Path, folder: Path) -> dict[str, float]:
     (folder / 'data').symlink_to(data)
     environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
     seconds = {}
-    for command in readme_commands():
+    for command in documented_commands():
         name = ' '.join(command[1:3]) if command[1] == 'calibrate' else command[1]
         start = time.perf_counter()
         subprocess.run(

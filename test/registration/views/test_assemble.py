@@ -208,7 +208,7 @@ def test_grid_normals_are_those_of_the_sphere():
     true = (view.points_xyz[known] - SPHERE.center) / SPHERE.radius
     cosine = np.abs((normals[known] * true).sum(axis=1))
     assert np.degrees(np.arccos(np.clip(np.percentile(cosine, 5), -1, 1))) < 3.0
-    # the first and the last column are neighbours
+    # the first and the last column are neighbors
     assert known[:, 0].any()
     assert known[:, -1].any()
 
