@@ -57,8 +57,7 @@ from ivfmc_ros.validation import require_one_of
 
 # Images with their profiles that are kept for the report's stripe sheet, which has 12 tiles.
 _SAMPLE_IMAGES = 12
-# Points farther apart than this many point spacings belong to different connected components.
-_MAX_POINT_GAP = 5.0
+_MAX_POINT_GAP = 5.0  # point spacings between neighbors of one connected component
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,8 +97,8 @@ class Reconstruction:
     settings : as used, with automatic values replaced by the chosen ones
     counts : number of images, points, views and faces per stage
     seconds : duration of each stage
-    misfit : distance between the surfaces that the lasers see; None if they share none
-    clipping : how the working volume cuts the part; None if it does not, or without pictures
+    misfit : distance between the surfaces of the lasers; None if they share none
+    clipping : how the working volume cuts the part; None if it does not
     table : whether lost steps of the table were found; None for several scans
     refined : self-calibration of the cell; None if it was not requested
     merged : how several scans were merged; None for a single scan

@@ -117,9 +117,7 @@ def inspect(
     calibration_u = modes.along_normals(
         mesh.vertices_xyz, np.nan_to_num(normals), settings.align != 'none'
     )
-    # scale and temperature act on the distance from the centroid
-    distance = np.linalg.norm(vertices - vertices[measured].mean(axis=0), axis=1)
-    relative = settings.conditions.relative_u * distance
+    relative = settings.conditions.relative_u * _lever_arm(vertices, measured)
     comparison = Comparison(
         mesh=mesh,
         vertices_xyz=vertices,
@@ -144,6 +142,11 @@ def inspect(
         misplaced=bool(placing) and alignment.method == settings.align,
         unseen=[region.name for k, region in enumerate(found) if not (owner == k).any()],
     )
+
+
+def _lever_arm(vertices: Floats, measured: Ints) -> Floats:
+    """Return the distance from the centroid, on which scale and temperature act, meters."""
+    return np.asarray(np.linalg.norm(vertices - vertices[measured].mean(axis=0), axis=1))
 
 
 def _measured(mesh: MeshBody) -> Ints:

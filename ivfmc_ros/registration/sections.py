@@ -57,7 +57,7 @@ class Section:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Comparison:
+class RotationFit:
     """
     Fit of n surfels at d rotations about the axis.
 
@@ -179,7 +179,7 @@ def _surfels(view: View, core: Bools, low: float, high: float, spacing: float) -
 
 def compare_at(
     sections: Sections, rotations: Floats, tolerance: float, stride: int = 1, own: bool = False
-) -> Comparison:
+) -> RotationFit:
     """
     Compare surfels, rotated about the axis, with the sections of other times.
 
@@ -214,7 +214,7 @@ def compare_at(
         fit[mine[here], column] = _fit(
             surfels, met, points[known], normals[known], tolerance, spacing
         )
-    return Comparison(own=owners, other=other, fit=fit)
+    return RotationFit(own=owners, other=other, fit=fit)
 
 
 def _fit(

@@ -22,7 +22,7 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
 from ivfmc_ros.registration.sections import compare_at
-from ivfmc_ros.registration.sections import Comparison
+from ivfmc_ros.registration.sections import RotationFit
 from ivfmc_ros.registration.sections import Section
 from ivfmc_ros.registration.sections import Sections
 from ivfmc_ros.registration.sections import split_sections
@@ -278,7 +278,7 @@ def _grid(extent: float, step: float) -> Floats:
     return np.asarray(step * np.arange(-count, count + 1))
 
 
-def _gain(now: Comparison, moved: Comparison, boundary: int, late: bool) -> Floats:
+def _gain(now: RotationFit, moved: RotationFit, boundary: int, late: bool) -> Floats:
     """Return (sizes,) how many more surfels of one side of a boundary fit when they are moved."""
     mine = (now.own >= boundary) == late
     crossing = mine & (now.other[:, 0] >= 0) & ((now.other[:, 0] >= boundary) != late)

@@ -61,8 +61,8 @@ class BuiltMesh:
     """
     A mesh, decimated for display, and the files of the full mesh.
 
-    vertices_xyz, faces : (n, 3) metres and (m, 3) vertex indices, decimated
-    max_edge : longest edge of a triangle between neighboring points, metres
+    vertices_xyz, faces : (n, 3) meters and (m, 3) vertex indices, decimated
+    max_edge : longest edge of a triangle between neighboring points, meters
     surface : which faces were measured, and where the mesh is open
     paths : of the files, by suffix
     """
