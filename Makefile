@@ -25,7 +25,7 @@ LIBRARIES := \
 BY_FILE := --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help env test demo bench docs reference figures pictures clean distclean
+.PHONY: help env test demo bench docs docs-check reference figures pictures clean distclean
 
 help:
 	@echo 'make env     build $(VENV) with all that tests and demo need (PYTHON=$(PYTHON))'
@@ -53,7 +53,7 @@ test: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(MAKE) --no-print-directory docs
+	$(MAKE) --no-print-directory docs-check
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m 'not alone' -n 2 $(BY_FILE)
 	$(BIN)/python -m pytest -m alone
 
@@ -62,6 +62,11 @@ demo: $(READY)
 
 bench: $(READY)
 	PYTHONPATH=test $(BIN)/python -m bench $(NAME)
+
+# All pages and references are read and checked; writing HTML takes as long again.
+docs-check: $(READY)
+	$(BIN)/python docs/generate.py reference --check
+	$(BIN)/sphinx-build -b dummy -W --keep-going -q docs build/docs-check
 
 docs: $(READY)
 	$(BIN)/python docs/generate.py reference --check

@@ -35,11 +35,16 @@ apidoc_modules = [
         'separate_modules': False,
         'module_first': True,
         'max_depth': 2,
-        'automodule_options': {'members', 'show-inheritance'},
+        'automodule_options': {'members', 'show-inheritance', 'ignore-module-all'},
         'exclude_patterns': ['../ivfmc_ros/nodes/**', '../ivfmc_ros/cli/**'],
     }
 ]
-autodoc_default_options = {'members': True, 'show-inheritance': True}
+autodoc_default_options = {
+    'members': True,
+    'show-inheritance': True,
+    # what a package re-exports is documented where it is defined
+    'ignore-module-all': True,
+}
 autodoc_member_order = 'bysource'
 autodoc_typehints = 'signature'
 autodoc_class_signature = 'separated'

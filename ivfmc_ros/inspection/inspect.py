@@ -114,9 +114,8 @@ def inspect(
     owner[measured] = _assign_regions(surface, found, nominal, vertices[measured], turned)
     modes = _modes(cell, mesh.vertices_xyz, np.nan_to_num(normals))
     noise = np.zeros(len(vertices)) if mesh.sigma is None else np.nan_to_num(mesh.sigma)
-    calibration_u = modes.along_normals(
-        mesh.vertices_xyz, np.nan_to_num(normals), settings.align != 'none'
-    )
+    free = settings.align != 'none'
+    calibration_u = modes.along_normals(mesh.vertices_xyz, np.nan_to_num(normals), free)
     relative = settings.conditions.relative_u * _lever_arm(vertices, measured)
     comparison = Comparison(
         mesh=mesh,
