@@ -106,8 +106,7 @@ def inspect(
     vertices = transforms.apply(T, scaled)
     normals = triangle_normals.vertex_normals(mesh.vertices_xyz, mesh.faces)
     measured = measured[np.isfinite(normals[measured, 0])]
-    deviations = np.full(len(vertices), np.nan)
-    deviations[measured] = surface.signed_distance(vertices[measured])
+    deviations = _signed_distances(surface, vertices, measured)
     found = segment_surface(nominal.vertices_xyz, nominal.faces)
     owner = np.full(len(vertices), -1)
     turned = normals[measured] @ T[:3, :3].T
@@ -141,6 +140,13 @@ def inspect(
         misplaced=bool(placing) and alignment.method == settings.align,
         unseen=[region.name for k, region in enumerate(found) if not (owner == k).any()],
     )
+
+
+def _signed_distances(surface: Surface, vertices: Floats, measured: Ints) -> Floats:
+    """Return (n,) meters from the surface; NaN for what was not measured."""
+    deviations = np.full(len(vertices), np.nan)
+    deviations[measured] = surface.signed_distance(vertices[measured])
+    return deviations
 
 
 def _lever_arm(vertices: Floats, measured: Ints) -> Floats:
