@@ -196,7 +196,7 @@ def test_single_profile_is_no_surface():
 def test_picture_of_another_size_is_refused():
     frames = sphere_frames(CELL, SPHERE, 20)
     frames[18] = replace(frames[18], image=frames[18].image[:480])
-    with pytest.raises(CellError, match=r'^picture 18: the picture is 640 x 480'):
+    with pytest.raises(CellError, match=r'^image 18: the picture is 640 x 480'):
         reconstruct(CELL, frames)
 
 
