@@ -25,7 +25,8 @@ from support.rendered_stripes import jobs_of
 from support.rendered_stripes import stripes_of
 from support.slipping_scan import SlippingScan
 
-# The thresholds of the check were chosen on other parts: see test/registration/test_slip.py.
+# The thresholds of the check were developed on some of these parts (demo part, plate, cylinder):
+# the figures are not independent of them.
 PARTS, ROUND = ('demo part', 'box off the axis'), ('cylinder', 'plate')
 # Profiles of a turn, and of one laser beyond the turn.
 STEPS, CLOSURE = 200, 17
