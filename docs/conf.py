@@ -51,7 +51,6 @@ autodoc_class_signature = 'separated'
 
 html_theme = 'furo'
 html_title = 'ivfmc_ros'
-html_static_path = ['_static']
 html_theme_options = {'navigation_with_keys': True}
 # pages open from the disk, without a network
 html_math_renderer = 'mathjax'
