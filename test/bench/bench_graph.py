@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Live throughput: how many pictures a second become profiles, and how long that takes."""
+"""Throughput of the live graph: the highest image rate without loss, and its latency."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -31,23 +31,23 @@ from ivfmc_ros.simulation.parts.solids import demo_part
 from ivfmc_ros.simulation.render.renderer import simulate_scan
 from ivfmc_ros.storage.bag.reader import open_bag
 
-PARTS = Path(__file__).with_name('graph_parts.py')
-# pictures a second, up to the first at which something is lost
+PROCESSES = Path(__file__).with_name('graph_processes.py')
+# images per second; the rates after the first one that loses something are left out
 RATES = (30, 60, 80, 100, 120, 150, 200, 250, 300)
 SECONDS = 5.0
 FRAMES = 24
 EXPOSURE_S = 0.005
-# The last pictures of a trial are no older when they are profiles, where nothing piles up.
-BEHIND_MS = 250.0
+# Upper limit of the latency, ms, of the last images of a trial; above it a queue is growing.
+MAX_FINAL_LATENCY_MS = 250.0
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What became of the pictures of one rate."""
+    """Result of one run at one image rate: images sent, profiles received, latency of each."""
 
     rate: float
     sent: int
-    took: float
+    elapsed: float
     got: int
     gaps: int
     latency_ms: Any
@@ -55,19 +55,19 @@ class Trial:
 
     @property
     def complete(self) -> bool:
-        """Whether every picture is a profile, in the bag if there is one, and none piled up."""
+        """Whether every image became a profile (and is in the bag), and no queue grew."""
         whole = self.got == self.sent and not self.gaps
         recorded = self.in_bag in (None, (self.sent, self.sent))
-        return whole and recorded and np.median(self.latency_ms[-FRAMES:]) < BEHIND_MS
+        return whole and recorded and np.median(self.latency_ms[-FRAMES:]) < MAX_FINAL_LATENCY_MS
 
     @property
-    def reached(self) -> float:
-        return self.sent / self.took
+    def achieved(self) -> float:
+        return self.sent / self.elapsed
 
     def __str__(self) -> str:
         median, late = (np.percentile(self.latency_ms, q) for q in (50, 99))
         return (
-            f'asked {self.rate:g}/s, sent {self.reached:.1f}/s, {self.got} of {self.sent} '
+            f'asked {self.rate:g}/s, sent {self.achieved:.1f}/s, {self.got} of {self.sent} '
             f'profiles, {self.gaps} gaps, latency {median:.1f} ms, 99 %: {late:.1f} ms'
             + (f', in the bag {self.in_bag}' if self.in_bag else '')
         )
@@ -86,30 +86,30 @@ def run() -> Iterator[Number]:
 
 
 def bare(folder: Path) -> Iterator[Number]:
-    """What a Python subscriber that does nothing takes in, of what a Python camera gives out."""
-    reached = 0.0
+    """Measure the rate that a Python subscriber without any work receives from a Python camera."""
+    achieved = 0.0
     for rate in RATES:
         with (
-            part('listener') as listener,
-            part('source', folder / 'frames.npy', 'still') as source,
+            started('listener') as listener,
+            started('source', folder / 'frames.npy', 'still') as source,
         ):
-            sent, took = asked(source, rate, SECONDS)
+            sent, elapsed = request_images(source, rate, SECONDS)
             got = int(listener.stdout.readline())
-        print(f'bare: asked {rate}/s, sent {sent / took:.1f}/s, {got} of {sent} pictures')
+        print(f'bare: asked {rate}/s, sent {sent / elapsed:.1f}/s, {got} of {sent} pictures')
         if got < sent:
             break
-        reached = max(reached, sent / took)
-    BEST['bare'] = reached
+        achieved = max(achieved, sent / elapsed)
+    BEST['bare'] = achieved
     yield Number(
-        'bare_subscriber', reached, 'frames/s', None, 'a Python subscriber that only counts'
+        'bare_subscriber', achieved, 'frames/s', None, 'a Python subscriber that only counts'
     )
 
 
 def recorder_off(folder: Path) -> Iterator[Number]:
     trials = triangulated(folder)
-    reached = best(trials)
-    yield Number('triangulator', reached, 'frames/s', at_least(60.0), 'no profile missing')
-    share = reached / BEST['bare'] if BEST['bare'] else 0.0
+    achieved = best(trials)
+    yield Number('triangulator', achieved, 'frames/s', at_least(60.0), 'no profile missing')
+    share = achieved / BEST['bare'] if BEST['bare'] else 0.0
     yield Number('share_of_bare', share, '', at_least(0.5), 'of what a bare subscriber reaches')
     yield from latencies('latency', trials)
 
@@ -122,24 +122,24 @@ def recorder_on(folder: Path) -> Iterator[Number]:
 
 
 def best(trials: list[Trial]) -> float:
-    return max((trial.reached for trial in trials if trial.complete), default=0.0)
+    return max((trial.achieved for trial in trials if trial.complete), default=0.0)
 
 
 def latencies(name: str, trials: list[Trial]) -> Iterator[Number]:
-    """Of the fastest trial up to 60 pictures a second that lost nothing."""
+    """Report the latency of the fastest trial up to 60 images per second that lost nothing."""
     steady = [trial for trial in trials if trial.complete and trial.rate <= 60]
     for trial in steady[-1:]:
         note = f'stamp to profile at {trial.rate:g} frames/s, lasers reported at 10 Hz'
-        for part, percent in (('median', 50), ('p99', 99)):
+        for suffix, percent in (('median', 50), ('p99', 99)):
             value = float(np.percentile(trial.latency_ms, percent))
-            yield Number(f'{name}_{part}', value, 'ms', None, note)
+            yield Number(f'{name}_{suffix}', value, 'ms', None, note)
 
 
 BEST: dict[str, float] = {}
 
 
 def triangulated(folder: Path, recorded: bool = False) -> list[Trial]:
-    """The trials at rising rates, up to the first that loses something."""
+    """Run trials at rising rates, up to the first that loses something."""
     parameters = {'cell': str(folder / 'cell.yaml'), 'exposure': EXPOSURE_S}
     trials: list[Trial] = []
     client = Client()
@@ -148,10 +148,10 @@ def triangulated(folder: Path, recorded: bool = False) -> list[Trial]:
         with (
             running('triangulator', **parameters),
             running('recorder', scan_root=str(folder)) if recorded else nullcontext(),
-            part('source', folder / 'frames.npy', 'turning') as source,
+            started('source', folder / 'frames.npy', 'turning') as source,
         ):
             client.until(lambda: client.node.count_subscribers('image_raw') > recorded, 20.0)
-            # to be found and to adapt takes a moment
+            # discovery, and the subscription's adaptation to its publisher
             client.spin(2.0)
             for number, rate in enumerate(RATES):
                 assert client.set('triangulator', scan_id=f'trial {number}').successful
@@ -198,15 +198,15 @@ def trial(client: Client, source: Any, profiles: list[Any], rate: float) -> Tria
             seqs.append(int(to_structured_array(message, '', ('seq',))['seq'][0, 0]))
             quiet = time.monotonic()
         done = len(profiles)
-    sent, took = source.stdout.readline().split()
+    sent, elapsed = source.stdout.readline().split()
     gaps = int(np.count_nonzero(np.diff(seqs) != 1)) + (seqs[:1] != [0])
-    return Trial(rate, int(sent), float(took), len(seqs), gaps, np.array(latency or [np.nan]))
+    return Trial(rate, int(sent), float(elapsed), len(seqs), gaps, np.array(latency or [np.nan]))
 
 
 @contextmanager
-def part(kind: str, *arguments: Any) -> Iterator[Any]:
+def started(kind: str, *arguments: Any) -> Iterator[Any]:
     process = subprocess.Popen(
-        [sys.executable, str(PARTS), kind, *map(str, arguments)],
+        [sys.executable, str(PROCESSES), kind, *map(str, arguments)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -222,8 +222,8 @@ def part(kind: str, *arguments: Any) -> Iterator[Any]:
         process.wait(10)
 
 
-def asked(source: Any, rate: float, seconds: float) -> tuple[int, float]:
+def request_images(source: Any, rate: float, seconds: float) -> tuple[int, float]:
     source.stdin.write(f'{rate} {seconds}\n')
     source.stdin.flush()
-    sent, took = source.stdout.readline().split()
-    return int(sent), float(took)
+    sent, elapsed = source.stdout.readline().split()
+    return int(sent), float(elapsed)

@@ -1,11 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What the bench of the graph starts beside the nodes: a camera that is only fast, a bare listener.
+Processes that the graph bench starts beside the nodes: an image source and a bare subscriber.
 
-``python graph_parts.py source FRAMES.npy turning`` publishes at the rates that it reads from its
-input, one a line as 'rate seconds', and prints how many pictures it sent. ``listener`` counts
-pictures until none has come for a while, and prints how many came.
+``python graph_processes.py source FRAMES.npy turning`` publishes images at the rates that it reads
+from standard input, one per line as 'rate seconds', and prints how many it sent. ``listener``
+counts images until none has arrived for 5 s, and prints the count.
 """
 
 import sys
@@ -29,7 +29,7 @@ SPEED = 0.4
 
 
 class Source:
-    """Camera, table and laser in one process, on one clock."""
+    """Camera, table and laser in one process, with one clock."""
 
     def __init__(self, frames, node, turning):
         def publisher(kind, topic):
@@ -39,7 +39,7 @@ class Source:
         self.info = publisher(CameraInfo, 'camera_info')
         self.joints = publisher(JointState, 'joint_states')
         self.lasers = publisher(JointState, 'laser_states')
-        self.waited_for = [self.image, *([self.joints, self.lasers] if turning else [])]
+        self.required = [self.image, *([self.joints, self.lasers] if turning else [])]
         self.messages = [images.to_image(frame, 0) for frame in frames]
         camera = bench_camera()
         self.camera_info = CameraInfo(
@@ -52,7 +52,7 @@ class Source:
         self.next_joint = self.next_laser = self.start = time.time_ns()
 
     def states(self, now):
-        """Publish what the table and the lasers report, when it is time."""
+        """Publish the states of table and lasers that are due at ``now``, ns."""
         if now >= self.next_joint:
             position = SPEED * (now - self.start) * 1e-9
             self.joints.publish(
@@ -78,8 +78,8 @@ class Source:
         self.info.publish(self.camera_info)
 
     def run(self, rate, seconds):
-        """Publish for a while; returns how many pictures, and the seconds it really took."""
-        while not all(p.get_subscription_count() for p in self.waited_for):
+        """Publish images for ``seconds``; return their number and the elapsed seconds."""
+        while not all(p.get_subscription_count() for p in self.required):
             time.sleep(0.05)
         time.sleep(1.0)
         period = int(1e9 / rate)
@@ -93,16 +93,16 @@ class Source:
                 self.picture(sent, now)
                 sent += 1
                 due += period
-            soon = min(due, self.next_joint) - time.time_ns()
-            if soon > 0:
-                time.sleep(soon * 1e-9)
-        took = (time.time_ns() - begin) * 1e-9
-        # what was reported last has to bracket the last picture
-        rest = time.time_ns() + 300_000_000
-        while time.time_ns() < rest:
+            wait = min(due, self.next_joint) - time.time_ns()
+            if wait > 0:
+                time.sleep(wait * 1e-9)
+        elapsed = (time.time_ns() - begin) * 1e-9
+        # the table's states have to bracket the last image
+        end_of_states = time.time_ns() + 300_000_000
+        while time.time_ns() < end_of_states:
             self.states(time.time_ns())
             time.sleep(0.005)
-        return sent, took
+        return sent, elapsed
 
 
 def source(path, turning):
@@ -112,8 +112,8 @@ def source(path, turning):
     print('ready', flush=True)
     for line in sys.stdin:
         rate, seconds = map(float, line.split())
-        sent, took = frames.run(rate, seconds)
-        print(sent, took, flush=True)
+        sent, elapsed = frames.run(rate, seconds)
+        print(sent, elapsed, flush=True)
 
 
 def listener():
