@@ -61,6 +61,10 @@ _SAMPLE_WAIT_S = {'continuous': 5.0, 'step': 1.0}
 _MAX_CLOCK_OFFSET_S = 2.0
 # Seconds after a jump of the stamps until it is no condition any more.
 _JUMP_CONDITION_S = 5.0
+# Seconds with all lasers off after which no images are received: none of them could be used.
+_REST_AFTER_S = 10.0
+# Value of a laser in laser_states from which it is on.
+_ON = 0.5
 # Joint name while there is no cell.yaml.
 _DEFAULT_JOINT = 'turntable_joint'
 # Kinds of conditions.
@@ -112,11 +116,19 @@ class Triangulator(CellNode):
         self._joints = AdaptiveSubscription(self, JointState, 'joint_states', self._receive_joints)
         self._lasers = AdaptiveSubscription(self, JointState, 'laser_states', self._receive_lasers)
         self._expect_inputs()
-        self.steady_timer(_POLL_S, self._work)
+        # steady second at which a laser was on, or a parameter set
+        self._lit_s = self.steady_s()
+        self.changed(lambda _: self._wake())
+        self._poll = self.steady_timer(_POLL_S, self._work_on)
 
     def _expect_inputs(self) -> None:
         for name, received, others, subscription in (
-            ('image_raw', lambda: self._counts['pictures'], str, self._images),
+            (
+                'image_raw',
+                lambda: self._counts['pictures'] or self._images.is_paused,
+                str,
+                self._images,
+            ),
             (
                 'joint_states',
                 lambda: self._matcher.table_known,
@@ -161,6 +173,10 @@ class Triangulator(CellNode):
         self._loss.add_image(stamp_ns)
         self._clock_offset_s = self._matcher.ahead_of_table_s(stamp_ns)
         self._matcher.add_image(stamp_ns, message, self.steady_s())
+        # after an image, so that no camera_info is without one
+        self._source.infos.resume()
+        if self._poll.is_canceled():
+            self._poll.reset()
         if len(self._matcher) > self.get('queue'):
             self._counts[self._matcher.drop_oldest().reason] += 1
         self._work()
@@ -194,6 +210,8 @@ class Triangulator(CellNode):
             )
             return
         states = dict(zip(message.name, message.position, strict=False))
+        if any(states.get(name, 0.0) > _ON for name in names):
+            self._wake()
         stamp_ns = nanoseconds(message.header.stamp)
         if not self._matcher.add_laser_states(stamp_ns, states, self.steady_s()):
             self._report_jump(self._lasers.topic)
@@ -205,13 +223,35 @@ class Triangulator(CellNode):
         text = 'stamps jumped back; the states received before are discarded'
         self.health.set(_JUMP, topic, Level.WARN, text, 'stamps increase again')
 
+    def _wake(self) -> None:
+        """Receive images: a laser is on, or will be."""
+        self._lit_s = self.steady_s()
+        if self._images.is_paused:
+            self._loss = ImageLoss()
+            self._images.resume()
+            self._compressed.resume()
+
+    def _rest(self) -> None:
+        """Receive no images while the lasers are off for long: they would wake this node."""
+        is_dark = self.get('laser_source') == 'topic' and self._matcher.lasers_known
+        is_long = self.steady_s() - self._lit_s > _REST_AFTER_S
+        if is_dark and is_long and self._is_idle() and not self.get('subtract_dark'):
+            for subscription in (self._images, self._compressed, self._source.infos):
+                subscription.pause()
+
+    def _work_on(self) -> None:
+        self._work()
+        if self._is_idle():
+            # until the next image
+            self._poll.cancel()
+
     def _work(self) -> None:
         """Receive queued messages, then process images for up to ``_BUDGET_S``."""
         if self._working or self._is_idle():
             return
         self._working = True
         try:
-            for subscription in (self._joints, self._lasers, self._images):
+            for subscription in (self._source.infos, self._joints, self._lasers, self._images):
                 subscription.drain()
             self._process_matches(self.steady_s())
         finally:
@@ -324,6 +364,8 @@ class Triangulator(CellNode):
     def before_diagnosis(self) -> None:
         """Publish how many images became profiles, and why the others did not."""
         self._compare_clocks()
+        if self._source.complete:
+            self._rest()
         clipping = self._stream.acquisition.clipping() if self._stream else None
         if clipping is None:
             self.health.clear(_CLIPPED, 'volume')

@@ -48,14 +48,15 @@ class CellSource:
         node.changed(self._change)
         self._load_cell()
         self._load_camera()
-        self._infos = AdaptiveSubscription(
+        # public for a node that drains the queues of its other topics
+        self.infos = AdaptiveSubscription(
             node, CameraInfo, 'camera_info', self._receive_camera_info
         )
         node.expect(
             'camera_info',
             lambda: self._camera is not None or node.get('camera'),
             self._missing_camera,
-            f'received on {self._infos.topic}',
+            f'received on {self.infos.topic}',
         )
 
     @property
@@ -91,7 +92,7 @@ class CellSource:
 
     def _missing_camera(self) -> str:
         return (
-            f'waiting for a message on {self._infos.topic}; start the camera, or set the '
+            f'waiting for a message on {self.infos.topic}; start the camera, or set the '
             'parameter camera to a calibration file'
         )
 
@@ -153,7 +154,7 @@ class CellSource:
             return
         self._last_info = info
         self._cell = self._camera = None
-        self._camera = to_camera(message, self._infos.topic)
+        self._camera = to_camera(message, self.infos.topic)
 
 
 def _required(path: str) -> Path:

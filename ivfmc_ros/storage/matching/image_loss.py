@@ -35,6 +35,7 @@ class ImageLoss:
         # stamp -> whether the image was received, of those that are not evaluated yet
         self._images: dict[int, bool] = {}
         self._order: list[int] = []
+        self._last_image_ns = 0
         self._previous_ns: int | None = None
         self._spacings: deque[int] = deque(maxlen=_SPACINGS)
         self._infos: set[int] = set()
@@ -68,10 +69,16 @@ class ImageLoss:
             self._images[stamp_ns] = False
         if is_image:
             self._images[stamp_ns] = True
+            self._last_image_ns = max(self._last_image_ns, stamp_ns)
         else:
             self._infos.add(stamp_ns)
         self._agree |= self._images[stamp_ns] and stamp_ns in self._infos
-        self._evaluate(bisect_left(self._order, self._order[-1] - _LATE_NS))
+        self._evaluate(bisect_left(self._order, self._end_of_evaluation_ns()))
+
+    def _end_of_evaluation_ns(self) -> int:
+        # Images are large and wait in queues while their camera_info overtakes them: only a later
+        # image tells that one is lost, or a long silence of the image topic.
+        return max(self._last_image_ns - _LATE_NS, self._order[-1] - _STOPPED_NS)
 
     def _restart(self) -> None:
         self._images.clear()
@@ -79,6 +86,7 @@ class ImageLoss:
         self._order.clear()
         self._spacings.clear()
         self._previous_ns = None
+        self._last_image_ns = 0
 
     def _evaluate(self, count: int) -> None:
         for stamp_ns in list(islice(self._order, count)):

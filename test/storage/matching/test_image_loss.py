@@ -54,6 +54,20 @@ def test_image_that_is_received_after_its_successors_is_not_lost():
     assert loss.total == 0
 
 
+def test_images_that_wait_in_a_queue_for_seconds_are_not_lost():
+    loss = ImageLoss()
+    lost = (40, 70)
+    for number in range(100):
+        loss.add_info(START + number * PERIOD)
+        # 2 s behind its camera_info
+        if number >= 40 and number - 40 not in lost:
+            loss.add_image(START + (number - 40) * PERIOD)
+    for number in set(range(60, 100)) - set(lost):
+        loss.add_image(START + number * PERIOD)
+    loss.finish()
+    assert (loss.not_received, loss.not_taken) == (2, 0)
+
+
 @pytest.mark.parametrize('change_s', [-3600, 3600])
 def test_jump_of_the_clock_or_a_stopped_camera_loses_no_image(change_s):
     loss = ImageLoss()
