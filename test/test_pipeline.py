@@ -137,6 +137,25 @@ def test_progress_reports_the_stages_in_order():
     assert stages == ['profiles', 'views', 'registration', 'meshing', 'done']
 
 
+def test_what_a_sweep_measured_beyond_the_turn_is_no_part_of_the_mesh(scan):
+    cell, (view,) = small_cell(), scan.views
+    more = 6
+    again = {
+        name: np.concatenate([values, values[:, :more]], axis=1)
+        for name in ('points_xyz', 'intensity', 'sigma', 'uv')
+        if (values := getattr(view, name)) is not None
+    }
+    # the table has slipped: the beginning comes at other places
+    again['points_xyz'][:, -more:] @= rotation_z(0.1)
+    angles = np.concatenate([view.angles, view.angles[:more] + 2.0 * np.pi])
+    seqs = np.concatenate([view.seqs, np.arange(more) + view.seqs.max() + 1])
+    longer = replace(view, **again, angles=angles, seqs=seqs)
+    mesh, _ = mesh_views(cell, [longer], Poses.identity(1), Settings())
+    alone, _ = mesh_views(cell, [view], Poses.identity(1), Settings())
+    assert np.array_equal(mesh.vertices_xyz, alone.vertices_xyz)
+    assert np.array_equal(mesh.faces, alone.faces)
+
+
 def test_surface_below_the_platter_is_kept_of_merged_clampings_only(scan):
     # the sphere's center is at z = 40 mm: lowered by that, its lower half is below the platter
     lowered = [

@@ -39,6 +39,11 @@ _SILENCE_S = 5.0
 @click.option('--recipe', help='Name of the recipe.')
 @click.option('--views', type=int, help='Sweeps a turn, for each laser.')
 @click.option('--overlap', type=angle(0.0, math.pi), help='By which neighboring sweeps overlap.')
+@click.option(
+    '--closure',
+    type=angle(0.0, math.pi),
+    help='By which a scan with one laser exceeds the turn, to show lost steps; 0: not.',
+)
 @click.option('--profiles', type=int, help='Profiles of each view.')
 @click.option('--motion', type=click.Choice(MOTIONS), help='How the table turns.')
 @click.option(
@@ -191,3 +196,5 @@ def say(result: dict[str, Any]) -> None:
     for name, path in result['files'].items():
         if not name.endswith(('.json', '.yaml')) or name == 'report.json':
             stdout.print(path, soft_wrap=True)
+    if result.get('report_pending'):
+        stdout.print('mesh.png and report.html are being rendered there', soft_wrap=True)

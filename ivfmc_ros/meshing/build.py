@@ -20,6 +20,7 @@ from ivfmc_ros.model import Mesh
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
 from ivfmc_ros.registration.views.assemble import spacing
+from ivfmc_ros.registration.views.assemble import within_one_turn
 
 # Neighbors on one surface are at most so many point spacings apart.
 _MAX_EDGE_SPACINGS = 5.0
@@ -36,6 +37,8 @@ def build_mesh(
     """
     Build the surface of all views.
 
+    What a sweep measured beyond a turn is a check of the table, and no part of the surface.
+
     poses : the pose of each view in ``turntable``
     settings : None for the defaults
     returns : Mesh in ``turntable``, meters
@@ -43,6 +46,7 @@ def build_mesh(
     :raises ParameterError: the voxel is too small for the part
     """
     settings = settings or MeshSettings()
+    views = [within_one_turn(view) for view in views]
     max_edge = settings.max_edge or default_max_edge(views)
     if settings.method == 'paper':
         mesh = zipper_views(cell, views, poses, max_edge)

@@ -76,12 +76,13 @@ class Sections:
     """
     All sections in the order of time.
 
-    numbers : of each view
+    numbers, lasers : of each view
     spacing : meters, between surfels
     """
 
     items: Sequence[Section]
     numbers: Sequence[int]
+    lasers: Sequence[int]
     spacing: float
 
     @cached_property
@@ -139,7 +140,12 @@ def split_sections(views: Sequence[View], poses: Poses) -> Sections | None:
         for section in _split(index, view, T, spacing)
     ]
     items.sort(key=lambda item: item.seq)
-    return Sections(items=items, numbers=[view.number for view in views], spacing=spacing)
+    return Sections(
+        items=items,
+        numbers=[view.number for view in views],
+        lasers=[view.laser for view in views],
+        spacing=spacing,
+    )
 
 
 def _split(index: int, view: View, T: Floats, spacing: float) -> list[Section]:

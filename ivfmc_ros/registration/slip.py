@@ -7,8 +7,8 @@ Every view is split into sections of the sweep, and each surfel is compared with
 measured the same place at another time. After a slip the late sections fit the early ones only
 when they are rotated about the axis. The check searches the moment and the size that fit best: a
 slip is found if it brings surfels together that contradict each other without it. A sweep of more
-than a turn measures its beginning again; where this does not fit at any rotation, the size of the
-slip is unknown.
+than a turn measures its beginning again, which shows small slips too (``closure``); where this
+does not fit at any rotation, the size of the slip is unknown.
 """
 
 from collections.abc import Sequence
@@ -21,6 +21,8 @@ import numpy as np
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
+from ivfmc_ros.registration.closure import Closure
+from ivfmc_ros.registration.closure import find_closures
 from ivfmc_ros.registration.sections import compare_at
 from ivfmc_ros.registration.sections import RotationFit
 from ivfmc_ros.registration.sections import Section
@@ -45,6 +47,10 @@ _MIN_GAIN, _MIN_GAIN_SHARE, _MAX_GAIN_SHARE = 12.0, 0.06, 0.012
 _MIN_ARM = 1e-3
 # A smaller slip is within the periodic error of a table and the error of a calibration, radians.
 _MIN_SLIP = math.radians(0.25)
+# Where one laser measured one place at one angle twice, these errors are equal: a difference is a
+# slip above this size, radians, and this number of standard deviations. In different sweeps the
+# backlash of a table that turned back may be in it.
+_MIN_CLOSURE_SLIP, _CLOSURE_SIGMAS = math.radians(0.1), 6.0
 # A boundary is checked if a slip of this size, radians, would part so many surfels.
 _TEST_SLIP, _MIN_LOSS = math.radians(1.0), 10.0
 # Profiles farther apart, radians, give surfels whose error looks like a slip: the demo part with
@@ -154,13 +160,17 @@ class _Check:
         lost = self._failed_closure()
         if lost is not None:
             return self._slipped(found, float('nan'), lost)
+        closures = find_closures(self._sections)
+        for closure in closures:
+            if _has_slipped(closure):
+                return self._slipped(found, closure.size, (closure.before, closure.after))
         if found.round and compared > 0:
             detail = 'the part is round about the axis: a slip neither shows nor changes its shape'
             return replace(found, detail=detail)
-        if self._unchecked() > _MAX_UNCHECKED:
+        if self._unchecked(closures) > _MAX_UNCHECKED:
             detail = (
                 'lost steps of the table would not show: no surface that shows a rotation was '
-                'measured at two times; use two lasers, or a sweep of more than a turn (overlap)'
+                'measured at two times; use two lasers, or a sweep of more than a turn (closure)'
             )
             return replace(found, code='UNCHECKED', detail=detail)
         return found
@@ -234,10 +244,15 @@ class _Check:
                 return items[0], items[-1]
         return None
 
-    def _unchecked(self) -> float:
+    def _unchecked(self, closures: Sequence[Closure]) -> float:
         """Return the share of the boundaries at which a slip would not show."""
         losses = -self._gains(np.array([-_TEST_SLIP, _TEST_SLIP]), _FINE_TOLERANCE).max(axis=1)
-        return float(np.mean(losses < _MIN_LOSS)) if len(losses) else 1.0
+        hidden = losses < _MIN_LOSS
+        seqs = np.array([self._sections.items[k].seq for k in self._boundaries.tolist()])
+        for closure in closures:
+            if _CLOSURE_SIGMAS * closure.sigma < _least_slip(closure):
+                hidden &= (seqs <= closure.before.seq) | (seqs > closure.after.seq)
+        return float(np.mean(hidden)) if len(hidden) else 1.0
 
     def _is_round(self) -> bool:
         sides = compare_at(
@@ -271,6 +286,16 @@ class _Check:
             angle_from=begin,
             angle_to=after.angle_to,
         )
+
+
+def _least_slip(closure: Closure) -> float:
+    """Return the size, radians, above which a difference is a slip."""
+    same = closure.before.view == closure.after.view
+    return _MIN_CLOSURE_SLIP if same else _MIN_SLIP
+
+
+def _has_slipped(closure: Closure) -> bool:
+    return abs(closure.size) > max(_least_slip(closure), _CLOSURE_SIGMAS * closure.sigma)
 
 
 def _grid(extent: float, step: float) -> Floats:

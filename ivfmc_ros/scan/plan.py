@@ -7,6 +7,9 @@ View numbers (field ``view`` of a profile) count sweep by sweep and, in each swe
 In step motion the lasers alternate at every stop, so one sweep yields one view per laser. In
 continuous motion every view is a sweep of its own: GRBL executes laser commands only after all
 queued motion has ended, so the laser cannot change during a move.
+
+Two lasers see a point at two table angles, which shows lost steps of the table. With one laser
+the last sweep goes on beyond the turn (``closure``): its end repeats the beginning of the first.
 """
 
 from collections.abc import Sequence
@@ -25,6 +28,8 @@ _TURN = 2.0 * math.pi
 # Radians by which the position after a move may exceed its target; a start that is passed by less
 # costs no extra turn.
 _POSITION_TOLERANCE = 1e-3
+# Part of a step that is rounding.
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +71,7 @@ class Sweep:
     lasers : names of the used lasers, in the order in which they are switched on
     start, span : table position at the first profile, rad, and the range from there, rad
     profiles : number of profiles of each laser
+    closing : how many of them repeat the beginning of the turn, besides the requested overlap
     velocity : rad/s in continuous motion; 0.0 in step motion
     dark : take an image with all lasers off first at every stop
     turns : whole turns that were added to the planned start
@@ -81,6 +87,7 @@ class Sweep:
     velocity: float = 0.0
     dark: bool = False
     turns: int = 0
+    closing: int = 0
     retake_of: int | None = None
 
     def angles(self) -> list[float]:
@@ -137,9 +144,11 @@ def make_plan(
     """
     chosen = _chosen(request.lasers, lasers)
     share = _TURN / request.views
-    span = share + request.overlap
     sweeps: list[Sweep] = []
     for part in range(request.views):
+        closes = len(chosen) == 1 and part == request.views - 1
+        closing = _closing_profiles(request) if closes else 0
+        span = (share + request.overlap) * (1.0 + closing / request.profiles)
         for group in [chosen] if request.motion == 'step' else [[one] for one in chosen]:
             sweep = Sweep(
                 number=len(sweeps),
@@ -147,9 +156,10 @@ def make_plan(
                 lasers=tuple(group),
                 start=part * share,
                 span=span,
-                profiles=request.profiles,
-                velocity=_velocity(request, span, motion),
+                profiles=request.profiles + closing,
+                velocity=_velocity(request, motion),
                 dark=request.dark_frames and request.motion == 'step',
+                closing=closing,
             )
             sweeps.append(after_position(sweep, motion, position))
             position = sweeps[-1].end(motion)
@@ -170,7 +180,8 @@ def require_steps(plan: Plan, least: float, limit: str) -> None:
             raise ParameterError(
                 f'profiles: {sweep.profiles} of a view are {math.degrees(step):.4f} degrees '
                 f'apart, the {limit} is {math.degrees(least):.4f}; '
-                f'request {math.floor(sweep.span / least)} or fewer, or reduce it'
+                f'request {math.floor((sweep.profiles - sweep.closing) * step / least)} or fewer, '
+                'or reduce it'
             )
 
 
@@ -190,9 +201,16 @@ def _view_numbers(
     return tuple(first + chosen.index(name) if name in group else NOT_MEASURED for name in lasers)
 
 
-def _velocity(request: ScanRequest, span: float, motion: MotionLimits) -> float:
+def _closing_profiles(request: ScanRequest) -> int:
+    """Return the number of profiles that are added to the last sweep, in its steps."""
+    step = (_TURN / request.views + request.overlap) / request.profiles
+    return max(0, math.ceil((request.closure - request.overlap) / step - _ROUNDING))
+
+
+def _velocity(request: ScanRequest, motion: MotionLimits) -> float:
     if request.motion == 'step':
         return 0.0
+    span = _TURN / request.views + request.overlap
     velocity = span / request.profiles * motion.profile_rate
     if velocity > motion.velocity:
         least = math.ceil(span * motion.profile_rate / motion.velocity)

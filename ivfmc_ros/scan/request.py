@@ -33,7 +33,10 @@ class ScanRequest:
     part, recipe : names for the catalogue and the folder; the recipe may be empty
     views : number of sweeps that divide one turn, for each laser
     overlap : radians by which a sweep overlaps the next one; a single sweep exceeds the turn by it
-    profiles : number of profiles of each view
+    closure : radians by which the last sweep of a scan with one laser exceeds the turn at least,
+        with further profiles in the same steps; its end is compared with the beginning, which
+        shows lost steps of the table. It is no part of the mesh; 0 for none
+    profiles : number of profiles of each view, those of the closure not counted
     motion : 'step' (turn, settle, expose) or 'continuous' (expose during one move per sweep)
     lasers : names of the lasers to use; empty for all of the cell
     dark_frames : in step motion, take an image with all lasers off at every stop, to be subtracted
@@ -45,6 +48,7 @@ class ScanRequest:
     recipe: str = ''
     views: int = 1
     overlap: float = 0.0
+    closure: float = math.radians(15.0)
     profiles: int = 200
     motion: str = 'continuous'
     lasers: tuple[str, ...] = ()
@@ -59,6 +63,7 @@ class ScanRequest:
         require_in_range('views', self.views, 1, MAX_VIEWS)
         require_in_range('profiles', self.profiles, 3, MAX_PROFILES)
         require_in_range('overlap', self.overlap, 0.0, math.pi, 'rad')
+        require_in_range('closure', self.closure, 0.0, math.pi, 'rad')
         require_one_of('motion', self.motion, MOTIONS)
         require_one_of('export_unit', self.export_unit, UNITS)
         require_formats(self.formats)

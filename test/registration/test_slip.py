@@ -76,6 +76,14 @@ def test_slip_of_one_laser_shows_where_the_sweep_closes(degrees):
         assert math.degrees(found.size) == pytest.approx(degrees, abs=1.0)
 
 
+@pytest.mark.parametrize(('degrees', 'after'), [(0.3, 80), (0.7, 20), (-0.4, 100)])
+def test_small_slip_of_one_laser_shows_at_the_default_closure(degrees, after):
+    # 15 degrees of 120 profiles a turn
+    found = check(taken('box', degrees, after, lasers=(0,), closure=5))
+    assert found.code == 'SLIPPED'
+    assert math.degrees(found.size) == pytest.approx(degrees, abs=0.1)
+
+
 @pytest.mark.parametrize('name', PARTS)
 def test_good_scan_is_ok(name):
     found = check(taken(name))
@@ -84,8 +92,9 @@ def test_good_scan_is_ok(name):
     assert found.compared > 0.6
 
 
-def test_good_scan_of_one_laser_with_closure_is_ok():
-    assert check(taken('box', lasers=(0,), closure=8)).code == 'OK'
+@pytest.mark.parametrize('closure', [5, 8])
+def test_good_scan_of_one_laser_with_closure_is_ok(closure):
+    assert check(taken('box', lasers=(0,), closure=closure)).code == 'OK'
 
 
 def test_slip_of_a_turned_part_changes_nothing_and_is_ok():
@@ -97,7 +106,7 @@ def test_slip_of_a_turned_part_changes_nothing_and_is_ok():
 def test_one_sweep_without_closure_is_said_to_be_unchecked():
     found = check(taken('box', 5.0, 50, lasers=(0,)))
     assert found.code == 'UNCHECKED'
-    assert 'overlap' in found.detail
+    assert 'closure' in found.detail
 
 
 def test_profiles_far_apart_are_unchecked():

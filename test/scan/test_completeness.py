@@ -20,7 +20,7 @@ class Scan:
     """A scan of which the images of some angles, degrees, do not come."""
 
     def __init__(self, position=0.0, **values):
-        values = {'profiles': 200, 'lasers': ('left',), **values}
+        values = {'profiles': 200, 'lasers': ('left',), 'closure': 0.0, **values}
         self.plan = make_plan(ScanRequest(**values), ('left', 'right'), MOTION, position)
         self.completeness = Completeness(self.plan, MOTION)
         self.headers = {}

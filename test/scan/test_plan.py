@@ -51,6 +51,34 @@ def test_single_sweep_extends_beyond_the_turn():
 
 
 @pytest.mark.parametrize('motion', ['step', 'continuous'])
+@pytest.mark.parametrize('views', [1, 3])
+def test_last_sweep_of_one_laser_repeats_the_beginning_of_the_turn(motion, views):
+    *before, last = plan(motion=motion, views=views, profiles=60, lasers=('left',)).sweeps
+    step = TURN / views / 60
+    assert last.closing == math.ceil(math.radians(15.0) / step)
+    assert last.profiles == 60 + last.closing
+    assert last.span == pytest.approx(TURN / views + last.closing * step)
+    assert last.velocity == pytest.approx(step * 10.0 if motion == 'continuous' else 0.0)
+    for sweep in before:
+        assert (sweep.profiles, sweep.closing) == (60, 0)
+        assert sweep.span == pytest.approx(TURN / views)
+
+
+def test_closure_counts_the_overlap_and_can_be_off():
+    (sweep,) = plan(lasers=('left',), closure=0.0).sweeps
+    assert (sweep.span, sweep.profiles) == (pytest.approx(TURN), 200)
+    (sweep,) = plan(lasers=('left',), overlap=0.3).sweeps
+    assert (sweep.span, sweep.profiles) == (pytest.approx(TURN + 0.3), 200)
+    (sweep,) = plan(lasers=('left',), overlap=0.2, profiles=100).sweeps
+    assert TURN + math.radians(15.0) <= sweep.span < TURN + math.radians(15.0) + TURN / 90
+
+
+def test_two_lasers_see_a_slip_without_closure():
+    assert all(sweep.span == pytest.approx(TURN) for sweep in plan().sweeps)
+    assert all(sweep.closing == 0 for sweep in plan().sweeps)
+
+
+@pytest.mark.parametrize('motion', ['step', 'continuous'])
 def test_table_turns_in_positive_direction_only(motion):
     table = MotionLimits()
     place = 17.3
@@ -108,5 +136,8 @@ def test_steps_below_the_tolerance_are_refused_with_the_greatest_number():
     with pytest.raises(ParameterError, match=r'profiles: 3142 .* request 3141 or fewer'):
         require_steps(made, 2e-3, 'position_tolerance')
     require_steps(plan(motion='step', profiles=3141), 2e-3, 'position_tolerance')
+    closing = plan(motion='step', profiles=3142, lasers=('left',))
+    with pytest.raises(ParameterError, match=r'request 3141 or fewer'):
+        require_steps(closing, 2e-3, 'position_tolerance')
     require_steps(plan(profiles=20000), 2e-3, 'position_tolerance')
     require_steps(made, 0.0, 'min_step')

@@ -33,6 +33,8 @@ def test_invalid_recipe_name_is_refused():
         ({'views': 0}, 'views'),
         ({'profiles': 2}, 'profiles'),
         ({'overlap': -0.1}, 'overlap'),
+        ({'closure': -0.1}, 'closure'),
+        ({'closure': math.nan}, 'closure'),
         ({'overlap': math.nan}, 'overlap'),
         ({'motion': 'jump'}, 'motion'),
         ({'formats': ('exe',)}, 'formats'),

@@ -4,7 +4,6 @@
 
 from collections.abc import Iterator
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -16,9 +15,9 @@ from ivfmc_ros.meshing.samples.ray_projection import project_uncertain_points
 from ivfmc_ros.meshing.samples.surface_samples import merge_samples
 from ivfmc_ros.meshing.samples.surface_samples import sample_grid
 from ivfmc_ros.meshing.samples.surface_samples import SurfaceSamples
-from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
+from ivfmc_ros.registration.views.assemble import select_columns
 
 # Profiles nearer than both (radians; share of the median step) are at one angle of several turns.
 _SAME_ANGLE, _SAME_STEP = 1e-6, 0.2
@@ -59,16 +58,4 @@ def split_turns(view: View) -> Iterator[View]:
     starts = np.searchsorted(position, position)
     turn = np.arange(len(position)) - starts
     for number in range(int(turn.max()) + 1):
-        yield _select_columns(view, turn == number)
-
-
-def _select_columns(view: View, chosen: Bools) -> View:
-    return replace(
-        view,
-        points_xyz=view.points_xyz[:, chosen],
-        intensity=view.intensity[:, chosen],
-        sigma=view.sigma[:, chosen],
-        uv=view.uv[:, chosen],
-        angles=view.angles[chosen],
-        seqs=view.seqs[chosen],
-    )
+        yield select_columns(view, turn == number)

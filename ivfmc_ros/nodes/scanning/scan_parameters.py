@@ -82,9 +82,17 @@ def _declare_request(node: CellNode) -> None:
         high=_HALF_TURN,
     )
     node.parameter(
+        'closure',
+        default.closure,
+        'Radians by which the last sweep of one laser exceeds the turn at least, to show lost '
+        'steps of the table; no part of the mesh. 0: none.',
+        low=0.0,
+        high=_HALF_TURN,
+    )
+    node.parameter(
         'profiles',
         default.profiles,
-        'Number of profiles of each view.',
+        'Number of profiles of each view; a closure adds to them.',
         low=3,
         high=scan.MAX_PROFILES,
     )

@@ -24,6 +24,8 @@ from ivfmc_ros.model import View
 # A full turn may end with a gap of so many angle steps (lost steps of the table), and may overlap
 # its beginning by so many.
 _MAX_GAP_STEPS, _MAX_OVERLAP_STEPS = 4.0, 1.5
+# A longer sweep, radians, was not meant to close only: half a turn is the greatest closure.
+_MAX_CLOSING_SPAN = 3.2 * np.pi
 # Neighboring profiles farther apart than this many median steps have profiles missing between.
 _MISSING_STEPS = 3.5
 # Points closer than this, meters, are duplicates.
@@ -101,6 +103,35 @@ def is_full_turn(view: View) -> bool:
     gap = 2.0 * np.pi - (view.angles[-1] - view.angles[0])
     step = np.median(steps)
     return bool(-_MAX_OVERLAP_STEPS * step <= gap <= _MAX_GAP_STEPS * step)
+
+
+def within_one_turn(view: View) -> View:
+    """
+    Return the view without the profiles that lie a whole turn or more after its first one.
+
+    A sweep that goes on beyond the turn repeats its beginning. The registration compares both; the
+    surface needs one of them, and that one closes to a full turn. A sweep of about two turns is
+    returned as it is: all of it was measured twice.
+    """
+    if len(view.angles) < 3 or np.ptp(view.angles) > _MAX_CLOSING_SPAN:
+        return view
+    step = float(np.median(np.diff(view.angles)))
+    kept = view.angles < view.angles[0] + 2.0 * np.pi - 0.5 * step
+    return view if kept.all() else select_columns(view, kept)
+
+
+def select_columns(view: View, chosen: Bools) -> View:
+    """Return the profiles of a view where (columns,) bool ``chosen`` is true."""
+    return replace(
+        view,
+        points_xyz=view.points_xyz[:, chosen],
+        intensity=view.intensity[:, chosen],
+        sigma=view.sigma[:, chosen],
+        uv=view.uv[:, chosen],
+        angles=view.angles[chosen],
+        seqs=view.seqs[chosen],
+        color=None if view.color is None else view.color[:, chosen],
+    )
 
 
 def angle_runs(view: View) -> list[tuple[float, float]]:

@@ -59,6 +59,18 @@ def test_profiles_become_columns_in_the_order_of_their_angles():
         assert np.count_nonzero(view.valid[:, column]) == len(profile)
 
 
+def test_view_of_more_than_a_turn_is_cut_to_a_full_turn():
+    angles = np.arange(27) * 2.0 * np.pi / 24
+    view = replace(grid_view(sheet(columns=27), angles), color=np.zeros((6, 27, 3), np.uint8))
+    assert not sweeps.is_full_turn(view)
+    turn = sweeps.within_one_turn(view)
+    assert sweeps.is_full_turn(turn)
+    assert np.array_equal(turn.angles, angles[:24])
+    assert np.array_equal(turn.points_xyz, view.points_xyz[:, :24])
+    assert turn.color.shape == (6, 24, 3)
+    assert sweeps.within_one_turn(turn) is turn
+
+
 def test_what_is_not_measured_is_nan():
     (view,) = sweeps.assemble(small_cell(), sphere_profiles(small_cell(), SPHERE, 5))
     gone = ~view.valid
