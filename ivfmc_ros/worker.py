@@ -4,13 +4,15 @@
 A child process that runs one long job after the other, and can be killed.
 
 Many long calls of Open3D hold the global interpreter lock; in the process of a node they would
-stop its heartbeat. ``python -m ivfmc_ros.worker FD`` receives (function, arguments) on an
-inherited socket and sends (True, result) or (False, exception).
+stop its heartbeat. ``python -m ivfmc_ros.worker FD MODULE...`` imports the modules, then receives
+(function, arguments) on an inherited socket and sends (True, result) or (False, exception).
 """
 
 from collections.abc import Callable
+from collections.abc import Sequence
 from concurrent.futures import Future
 import ctypes
+import importlib
 from multiprocessing.connection import Connection
 import os
 import queue
@@ -44,12 +46,15 @@ class Worker:
     """
     The parent's side of a worker process. Jobs run in the order in which they are submitted.
 
-    The process is started at once, because it takes a second to import what the jobs need. A
-    thread that lives as long as this object starts it: for the kernel the parent of a process is
-    the thread that forked it, and PR_SET_PDEATHSIG kills the process when that thread ends.
+    The process is started at once and imports ``modules``, which takes seconds, so that the first
+    job does not wait for them. A thread that lives as long as this object starts it: for the
+    kernel the parent of a process is the thread that forked it, and PR_SET_PDEATHSIG kills the
+    process when that thread ends.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, modules: Sequence[str] = ()) -> None:
+        """``modules`` : names of modules that the process imports before the first job."""
+        self._modules = tuple(modules)
         # one job at a time
         self._lock = threading.Lock()
         # of the process: a kill falls before or after the start of a job, never into it
@@ -116,17 +121,17 @@ class Worker:
     def _launch(self) -> None:
         while (started := self._starts.get()) is not None:
             try:
-                started.set_result(_start_process())
+                started.set_result(_start_process(self._modules))
             except OSError as error:
                 failure = ScanError(f'the process for long jobs cannot be started: {error}')
                 started.set_exception(failure)
 
 
-def _start_process() -> _Process:
+def _start_process(modules: Sequence[str]) -> _Process:
     ours, theirs = socket.socketpair()
     with ours, theirs:
         process = subprocess.Popen(
-            [sys.executable, '-m', 'ivfmc_ros.worker', str(theirs.fileno())],
+            [sys.executable, '-m', 'ivfmc_ros.worker', str(theirs.fileno()), *modules],
             pass_fds=[theirs.fileno()],
             stdin=subprocess.DEVNULL,
         )
@@ -157,14 +162,24 @@ def _picklable(error: Exception) -> Exception:
     return ScanError(f'{type(error).__name__}: {error}')
 
 
-def main() -> None:
-    """Run the worker process."""
-    # Ctrl-C signals the whole process group; the node decides when its worker ends
+def end_with_parent() -> None:
+    """
+    Let the kernel kill this process when its parent dies, and ignore Ctrl-C, on Linux.
+
+    Ctrl-C signals the whole process group; the parent decides when its children end.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform == 'linux':
-        # the worker of a node that was killed must not live on
+        # the child of a node that was killed must not live on
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+def main() -> None:
+    """Run the worker process."""
+    end_with_parent()
     os.nice(_NICE)
+    for module in sys.argv[2:]:
+        importlib.import_module(module)
     serve(Connection(int(sys.argv[1])))
 
 

@@ -29,6 +29,17 @@ def test_job_runs_in_another_process(worker):
     assert worker.run(os.getpid) != os.getpid()
 
 
+def test_modules_are_imported_before_the_first_job(tmp_path, monkeypatch):
+    (tmp_path / 'slow_to_import.py').write_text('')
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path))
+    worker = Worker(['slow_to_import'])
+    try:
+        known = worker.run(eval, '"slow_to_import" in __import__("sys").modules')
+    finally:
+        worker.close()
+    assert known
+
+
 def test_exception_of_a_job_is_raised_in_the_parent(worker):
     with pytest.raises(ScanError, match='ZeroDivisionError'):
         worker.run(divmod, 1, 0)

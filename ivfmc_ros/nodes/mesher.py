@@ -63,7 +63,9 @@ class Mesher(CellNode):
         self.subscribe(PoseArray, 'view_poses', self._receive_poses)
         self.trigger('build', self._build)
         self.trigger('cancel', self._cancel)
-        self.steady_timer(_POLL_S, self._check_complete)
+        self._poll = self.steady_timer(_POLL_S, self._check_complete)
+        # runs only while a build waits for views
+        self._poll.cancel()
 
     def _declare_parameters(self) -> Callable[[], Settings]:
         self.parameter('scan_id', '', 'Id of the scan; a new one discards the views.')
@@ -183,8 +185,10 @@ class Mesher(CellNode):
         """
         self._received_s = self.steady_s()
         self._complete = Future()
+        self._poll.reset()
         self._check_complete()
         await self._complete
+        self._poll.cancel()
         claim.require()
         message, stamp_ns = self._expected_poses(), self._poses_stamp_ns
         self._poses_stamp_ns = 0

@@ -30,12 +30,15 @@ from ivfmc_ros.nodes.framework.json_response import Answer
 from ivfmc_ros.nodes.framework.shutdown import flush
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
 from ivfmc_ros.nodes.scanning.graph_tools import GraphTools
+from ivfmc_ros.nodes.scanning.report_queue import ReportQueue
 from ivfmc_ros.nodes.scanning.running_scan import RunningScan
 from ivfmc_ros.nodes.scanning.scan_context import ScanContext
 from ivfmc_ros.nodes.scanning.scan_parameters import declare_scan_parameters
 from ivfmc_ros.scan import scan_folder
 from ivfmc_ros.scan.plan import make_plan
 from ivfmc_ros.scan.plan import require_steps
+from ivfmc_ros.scan.report import PENDING
+from ivfmc_ros.scan.report import pending_reports
 from ivfmc_ros.scan.state_machine import StateMachine
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 
@@ -57,6 +60,7 @@ class Orchestrator(CellNode):
         )
         self._link = CellLink(self, joint, self.get('heartbeat_limit'))
         self._status = self.publish_on(DiagnosticStatus, 'scan_status')
+        self._reports = ReportQueue(self, self._report_ended)
         for name, handler in (
             ('start_scan', self._start_scan),
             ('scan', self._scan),
@@ -68,12 +72,15 @@ class Orchestrator(CellNode):
         self.steady_timer(_STATUS_S, self._repeat_status)
 
     def on_settled(self) -> None:
-        """Mark interrupted scans, and publish the first status."""
+        """Mark interrupted scans, publish the first status, and render reports that are due."""
         self._mark_interrupted_scans()
         self._publish_status()
+        for folder in pending_reports(Path(self.get('scan_root'))):
+            self._reports.add(folder)
 
     def stop(self) -> None:
         """Turn the lasers off, stop the table, and mark the scan as interrupted."""
+        self._reports.close()
         running = self._running
         if running is not None:
             self._link.close()
@@ -193,9 +200,20 @@ class Orchestrator(CellNode):
             self.health.clear_fault('scan')
         running.result = result
         self._last, self._running = running, None
+        self._link.end_scan()
         self._publish_status()
         self.get_logger().info(f'scan {running.scan_id} ended: {result["code"]}')
         running.ended.set_result(result)
+        if result.get(PENDING):
+            self._reports.add(running.folder)
+
+    def _report_ended(self, folder: Path, error: str) -> None:
+        if error:
+            self.get_logger().warning(f'report of scan {folder.name}: {error}')
+        for scan in (self._running, self._last):
+            if scan is not None and scan.folder == folder:
+                scan.report_ended(error)
+                self._publish_status()
 
     def _snapshot(self) -> dict[str, Any]:
         return {name: self.get(name) for name in sorted(self._parameters)}

@@ -8,11 +8,10 @@ their catalogue rows. ``recorded`` publishes the number of the last profile that
 """
 
 from collections.abc import Mapping
-from collections.abc import Sequence
+import contextlib
 from functools import partial
 from pathlib import Path
 import sys
-import threading
 from typing import Any
 
 from geometry_msgs.msg import PoseArray
@@ -32,19 +31,18 @@ from ivfmc_ros.errors import BusyError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.errors import StateError
+from ivfmc_ros.errors import TimeoutExceededError
 from ivfmc_ros.files import folder_below
 from ivfmc_ros.nodes.framework import qos
 from ivfmc_ros.nodes.framework.adaptive_subscription import AdaptiveSubscription
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.base import run
+from ivfmc_ros.nodes.framework.futures import Waiter
 from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.nodes.framework.life import life_of
-from ivfmc_ros.storage.catalogue.catalogue import Catalogue
-from ivfmc_ros.storage.catalogue.catalogue_writer import CatalogueWriter
+from ivfmc_ros.nodes.processing.recording import Recording
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 from ivfmc_ros.storage.messages.profile_header import read_profile_header
-from ivfmc_ros.storage.recording.live_recorder import LiveRecorder
-from ivfmc_ros.storage.recording.live_recorder import ProfileLocation
 
 TYPES = {
     'image_raw': Image,
@@ -60,6 +58,11 @@ TYPES = {
     'mesh_shape': Mesh,
 }
 _CAMERA_TOPICS = ('image_raw', 'image_raw/compressed', 'camera_info')
+# Topics with many messages in an idle cell; subscribed only while a scan is recorded. The latched
+# ones are subscribed at all times: a new subscription would receive those of the scan before.
+_STREAMS = (*_CAMERA_TOPICS, 'joint_states')
+# Seconds that ``start`` waits at most for the first message of each stream that has a publisher.
+_FIRST_MESSAGES_S = 1.0
 # Period of ``recorded``, seconds: the orchestrator waits for it after the last profile.
 _PUBLISH_S = 0.05
 # Seconds between two checks of the heartbeat of the orchestrator.
@@ -75,7 +78,7 @@ _SILENT = 'no heartbeat'
 
 
 class Recorder(CellNode):
-    """Subscribes to its topics at all times and writes them between ``start`` and ``stop``."""
+    """Writes its topics between ``start`` and ``stop``; streams are subscribed only then."""
 
     def __init__(self) -> None:
         super().__init__('recorder')
@@ -125,16 +128,23 @@ class Recorder(CellNode):
             'one that is heard first.',
         )
         self.check(self._require_scan_folder)
-        self._recording: _Recording | None = None
+        self._recording: Recording | None = None
         # recordings that are being closed, each with its own bag and catalogue
-        self._closing: list[_Recording] = []
+        self._closing: list[Recording] = []
         self._recorded = self.publish_on(UInt64, 'recorded')
-        self._recorded_topics = [self._subscribe(name) for name in self.get('topics')]
+        self._waiter = Waiter(self)
+        # streams of which a message was received since they were subscribed
+        self._heard: set[str] = set()
+        self._recorded_topics = {name: self._subscribe(name) for name in self.get('topics')}
+        self.changed(self._change)
         self.trigger('start', self._start)
         self.trigger('stop', self._stop)
         self.subscribe(Header, 'orchestrator/heartbeat', self._receive_heartbeat)
-        self.steady_timer(_PUBLISH_S, self._publish_progress)
-        self.steady_timer(_POLL_S, self._check_orchestrator)
+        self._timers_of_a_recording = [
+            self.steady_timer(_PUBLISH_S, self._publish_progress),
+            self.steady_timer(_POLL_S, self._check_orchestrator),
+        ]
+        self._follow_streams()
 
     def stop(self) -> None:
         """Finish the bag, so that it can be read."""
@@ -185,7 +195,37 @@ class Recorder(CellNode):
             self, TYPES[name], name, partial(self._receive, name), raw=True
         )
 
+    def _change(self, names: set[str]) -> None:
+        if 'pictures' in names:
+            self._follow_streams()
+
+    def _follow_streams(self) -> None:
+        """Subscribe to the streams that are recorded now, and to no other."""
+        is_recording = self._recording is not None
+        for name in _STREAMS:
+            subscription = self._recorded_topics.get(name)
+            if subscription is None:
+                continue
+            if is_recording and (name not in _CAMERA_TOPICS or self.get('pictures')):
+                subscription.resume()
+            else:
+                subscription.pause()
+                self._heard.discard(name)
+        for timer in self._timers_of_a_recording:
+            if not is_recording:
+                timer.cancel()
+            elif timer.is_canceled():
+                timer.reset()
+
+    def _hears_streams(self) -> bool:
+        return all(
+            subscription.is_paused or name in self._heard or not subscription.publishers
+            for name, subscription in self._recorded_topics.items()
+            if name in _STREAMS
+        )
+
     def _receive(self, name: str, data: bytes) -> None:
+        self._heard.add(name)
         recording = self._recording
         if recording is None or (name in _CAMERA_TOPICS and not self.get('pictures')):
             return
@@ -201,7 +241,7 @@ class Recorder(CellNode):
             header=header,
         )
 
-    def _start(self) -> dict[str, Any]:
+    async def _start(self) -> dict[str, Any]:
         running = self._recording
         if running is not None:
             raise BusyError(
@@ -218,7 +258,7 @@ class Recorder(CellNode):
         ):
             self.health.clear(kind, subject)
         self.health.clear_fault('bag')
-        self._recording = _Recording(
+        self._recording = Recording(
             scan_id,
             # again: a link may have been made since the parameter was set
             folder_below(Path(self.get('scan_root')), folder, 'scan_folder'),
@@ -226,12 +266,21 @@ class Recorder(CellNode):
             compress=self.get('compress'),
             max_queued_bytes=self.get('room') * 1024 * 1024,
         )
-        return {'path': str(self._recording.recorder.folder), 'topics': list(self.get('topics'))}
+        answer = {
+            'path': str(self._recording.recorder.folder),
+            'topics': list(self.get('topics')),
+        }
+        self._follow_streams()
+        with contextlib.suppress(TimeoutExceededError):
+            # a camera that waits for a trigger publishes nothing yet
+            await self._waiter.until(self._hears_streams, _FIRST_MESSAGES_S, 'first messages')
+        return answer
 
     async def _stop(self) -> dict[str, Any]:
         recording, self._recording = self._recording, None
         if recording is None:
             raise StateError('recorder: no recording is running')
+        self._follow_streams()
         self._closing.append(recording)
         try:
             path = await self.in_thread(recording.finish)
@@ -264,7 +313,7 @@ class Recorder(CellNode):
             self._abandon(recording, 'the orchestrator was restarted; the recording of '
                           f'scan {recording.scan_id} was stopped')  # fmt: skip
 
-    def _silent_s(self, recording: '_Recording') -> float:
+    def _silent_s(self, recording: Recording) -> float:
         """Return the seconds since the owner was heard, or since it began the recording."""
         if recording.heard_s is None:
             recording.heard_s = self.steady_s()
@@ -279,11 +328,11 @@ class Recorder(CellNode):
         if silent > patience:
             self._abandon(recording, f'no heartbeat for {silent:.0f} s; the recording was stopped')
 
-    def _abandon(self, recording: '_Recording', text: str) -> None:
+    def _abandon(self, recording: Recording, text: str) -> None:
         self.health.set(_SILENT, 'orchestrator', Level.ERROR, text)
         self.executor.create_task(self._stop_recording, recording)
 
-    async def _stop_recording(self, recording: '_Recording') -> None:
+    async def _stop_recording(self, recording: Recording) -> None:
         if recording is not self._recording:
             # stopped by the service in the meantime
             return
@@ -296,62 +345,15 @@ class Recorder(CellNode):
         if self._recording is not None:
             self._publish(self._recording)
 
-    def _publish(self, recording: '_Recording') -> None:
+    def _publish(self, recording: Recording) -> None:
         recorded = recording.recorder.recorded
         if recorded is not None and recorded != recording.published:
             recording.published = recorded
             self._recorded.publish(UInt64(data=recorded))
 
 
-class _Recording:
-    """
-    The recording of one scan: its bag, its rows in the catalogue, and who began it.
-
-    owner : life of the orchestrator that began it, '' until one is heard
-    heard_s : steady second of the owner's last heartbeat, None before
-    published : last number that was published on ``recorded``
-    finished : set when bag and catalogue are closed
-    """
-
-    def __init__(self, scan_id: str, folder: Path, *, owner: str, **options: Any) -> None:
-        """:raises ScanError: bag or catalogue cannot be opened."""
-        self.scan_id = scan_id
-        self.owner = owner
-        self.heard_s: float | None = None
-        self.published: int | None = None
-        self.finished = threading.Event()
-        writer = self.writer = CatalogueWriter(Catalogue(folder.parent, create=True))
-        try:
-            self.recorder = LiveRecorder(
-                folder,
-                on_flush=lambda locations: writer.add(partial(_add_profiles, scan_id, locations)),
-                **options,
-            )
-        except ScanError:
-            writer.close()
-            raise
-
-    def finish(self) -> Path:
-        """
-        Write the rest of bag and catalogue; blocks until both are on disk.
-
-        :raises FileError: the bag could not be written
-        """
-        try:
-            return self.recorder.stop()
-        finally:
-            self.writer.close()
-            self.finished.set()
-
-
 def _profile_header(data: bytes) -> ProfileHeader:
     return read_profile_header(deserialize_message(data, PointCloud2))
-
-
-def _add_profiles(
-    scan_id: str, locations: Sequence[ProfileLocation], catalogue: Catalogue
-) -> None:
-    catalogue.add_profiles(scan_id, locations)
 
 
 def main() -> None:

@@ -34,6 +34,7 @@ from ivfmc_ros.nodes.framework.base import run
 from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.nodes.framework.life import HEARTBEAT_S
 from ivfmc_ros.nodes.processing.cell_source import CellSource
+from ivfmc_ros.nodes.processing.image_input import ImageInput
 from ivfmc_ros.nodes.processing.stripe_image import StripeImagePublisher
 from ivfmc_ros.nodes.processing.triangulator_parameters import declare
 from ivfmc_ros.nodes.processing.triangulator_parameters import match_settings
@@ -103,16 +104,8 @@ class Triangulator(CellNode):
         self._change({'view', 'cell'})
         self._profiles = self.publish_on(PointCloud2, 'profile')
         self._stripe_image = StripeImagePublisher(self)
-        self._images = AdaptiveSubscription(
-            self, ImageMessage, 'image_raw', self._receive_image, depth=_IMAGE_DEPTH
-        )
-        self._compressed = AdaptiveSubscription(
-            self,
-            CompressedImage,
-            'image_raw/compressed',
-            self._receive_compressed,
-            depth=_IMAGE_DEPTH,
-        )
+        self._camera = ImageInput(self, self._receive_image, _IMAGE_DEPTH)
+        self._images = self._camera.raw
         self._joints = AdaptiveSubscription(self, JointState, 'joint_states', self._receive_joints)
         self._lasers = AdaptiveSubscription(self, JointState, 'laser_states', self._receive_lasers)
         self._expect_inputs()
@@ -181,11 +174,6 @@ class Triangulator(CellNode):
             self._counts[self._matcher.drop_oldest().reason] += 1
         self._work()
 
-    def _receive_compressed(self, message: CompressedImage) -> None:
-        # a driver that publishes both topics publishes each image twice
-        if not self._images.publishers:
-            self._receive_image(message)
-
     def _receive_joints(self, message: JointState) -> None:
         draft = self._source.draft
         joint = draft.turntable.joint if draft and draft.turntable else _DEFAULT_JOINT
@@ -226,18 +214,17 @@ class Triangulator(CellNode):
     def _wake(self) -> None:
         """Receive images: a laser is on, or will be."""
         self._lit_s = self.steady_s()
-        if self._images.is_paused:
+        if self._camera.is_paused:
             self._loss = ImageLoss()
-            self._images.resume()
-            self._compressed.resume()
+            self._camera.resume()
 
     def _rest(self) -> None:
         """Receive no images while the lasers are off for long: they would wake this node."""
         is_dark = self.get('laser_source') == 'topic' and self._matcher.lasers_known
         is_long = self.steady_s() - self._lit_s > _REST_AFTER_S
         if is_dark and is_long and self._is_idle() and not self.get('subtract_dark'):
-            for subscription in (self._images, self._compressed, self._source.infos):
-                subscription.pause()
+            self._camera.pause()
+            self._source.infos.pause()
 
     def _work_on(self) -> None:
         self._work()
@@ -266,7 +253,18 @@ class Triangulator(CellNode):
             if self.steady_s() - start > _BUDGET_S:
                 return
         if stream.waiting and start - self._last_profile_s > _SAMPLE_WAIT_S[self.get('motion')]:
-            self._publish(stream.flush())
+            self._flush(stream)
+
+    def _flush(self, stream: StreamAcquisition) -> None:
+        """Publish the profiles of the first images, or the reason why they are refused."""
+        waiting = stream.waiting
+        try:
+            measured = stream.flush()
+        except ScanError as error:
+            self._counts['refused'] += waiting
+            self.fault('image', error)
+            return
+        self._publish(measured)
 
     def _is_idle(self) -> bool:
         if self._stream is None and self._source.complete:
@@ -303,7 +301,7 @@ class Triangulator(CellNode):
         """Publish the profiles of the first images, which wait for their common settings."""
         stream, self._stream = self._stream, None
         if stream is not None:
-            self._publish(stream.flush())
+            self._flush(stream)
 
     def _new_acquisition(self, cell: Cell) -> Acquisition:
         """Return an acquisition; reuses the image mask, whose computation takes 0.5 s."""
@@ -346,7 +344,8 @@ class Triangulator(CellNode):
         # images that are not used must not delay those that are
         self._last_profile_s = self.steady_s()
         self._seq += 1
-        self.health.clear_fault('image')
+        if measured:
+            self.health.clear_fault('image')
         self._publish(measured)
 
     def _image(self, message: ImageMessage | CompressedImage) -> Image:

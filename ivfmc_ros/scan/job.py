@@ -78,7 +78,7 @@ class Tools(Protocol):
         """Build the mesh and its files; return the mesher's response."""
 
     async def finish(self, outcome: 'Outcome') -> None:
-        """Close the bag and write the report of the scan."""
+        """Close the bag and write the figures of the scan."""
 
     async def abort(self, outcome: 'Outcome') -> None:
         """Stop the table and close the bag as far as possible; never raises."""

@@ -3,6 +3,7 @@
 """Renders ``mesh.png`` and ``report.html`` of a scan folder; ``report`` runs it as a process."""
 
 import json
+import os
 from pathlib import Path
 import sys
 from typing import Any
@@ -18,11 +19,17 @@ from ivfmc_ros.inspection.reports.overview import write_mesh_sheet
 from ivfmc_ros.inspection.reports.scan_page import scan_page
 from ivfmc_ros.model import Mesh
 from ivfmc_ros.model import Poses
+from ivfmc_ros.scan.report import MESH_IMAGE
+from ivfmc_ros.scan.report import REPORT
+from ivfmc_ros.scan.report import REPORT_PAGE
 from ivfmc_ros.storage.scans.scan_contents import scan_contents
 from ivfmc_ros.storage.scans.scan_contents import ScanContents
+from ivfmc_ros.worker import end_with_parent
 
 # Files of a scan folder: stem of the mesh files, image of the mesh, report page.
-MESH_STEM, MESH_IMAGE, REPORT_PAGE = 'mesh', 'mesh.png', 'report.html'
+MESH_STEM = 'mesh'
+# Nice value of the process: a scan may be running, whose nodes come first.
+_NICE = 15
 
 
 def render_scan(folder: Path, unit: str, figures: dict[str, Any]) -> None:
@@ -62,8 +69,27 @@ def _read_mesh(folder: Path, unit: str) -> Mesh:
     )
 
 
-if __name__ == '__main__':
+def _read_figures(folder: Path) -> dict[str, Any]:
+    """:raises FileError: ``report.json`` cannot be read."""
+    path = folder / REPORT
     try:
-        render_scan(Path(sys.argv[1]), sys.argv[2], json.load(sys.stdin))
+        return dict(json.loads(path.read_text(encoding='utf-8')))
+    except (OSError, ValueError, TypeError) as error:
+        raise FileError(f'{path}: cannot be read: {error}') from error
+
+
+def main() -> None:
+    """Render the scan folder that the command line names."""
+    end_with_parent()
+    os.nice(_NICE)
+    folder = Path(sys.argv[1])
+    try:
+        figures = _read_figures(folder)
+        unit = str((figures.get('mesh') or {}).get('unit', 'mm'))
+        render_scan(folder, unit, figures)
     except ScanError as error:
         sys.exit(str(error))
+
+
+if __name__ == '__main__':
+    main()

@@ -19,7 +19,7 @@ from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 
 KEYS = {
     'scan_id', 'stage', 'views_done', 'views_total', 'profiles_done', 'profiles_total', 'eta_s',
-    'code', 'result',
+    'code', 'result', 'report', 'report_error',
 }  # fmt: skip
 
 
@@ -85,6 +85,15 @@ def await_stage(client, *stages, seconds=30.0):
     return values_of(client)
 
 
+def await_report(client, seconds=120.0):
+    client.until(
+        lambda: values_of(client)['report'] or values_of(client)['report_error'],
+        seconds,
+        'no report',
+    )
+    return values_of(client)
+
+
 def test_step_scan_with_a_foreign_table(client, fake, orchestrator, root):
     success, answer = client.trigger('scan', 60.0)
     assert success, answer
@@ -92,8 +101,10 @@ def test_step_scan_with_a_foreign_table(client, fake, orchestrator, root):
     assert answer['counts']['profiles'] == 6
     assert answer['registration'] == {'said': 'registrar/register'}
     assert set(answer['files']) >= {'cell.yaml', 'camera.yaml', 'params.yaml', 'mesh.stl',
-                                    'mesh.png', 'report.html', 'report.json',
-                                    'job.json'}  # fmt: skip
+                                    'report.json', 'job.json'}  # fmt: skip
+    # rendered after the answer
+    assert answer['report_pending'] is True
+    assert 'report.html' not in answer['files']
     assert fake.called == [
         'registrar/reset', 'recorder/start', 'registrar/register', 'mesher/build',
         'recorder/stop',
@@ -106,6 +117,11 @@ def test_step_scan_with_a_foreign_table(client, fake, orchestrator, root):
     assert json.loads(status['result'])['scan_id'] == answer['scan_id']
     assert Catalogue(root).scan(answer['scan_id']).stage == 'DONE'
     assert scan_folder.load_job(root / answer['scan_id'])['stage'] == 'DONE'
+    status = await_report(client)
+    assert (status['stage'], status['report_error']) == ('DONE', '')
+    assert Path(status['report']).is_file()
+    assert (root / answer['scan_id'] / 'mesh.png').is_file()
+    assert scan_folder.load_job(root / answer['scan_id'])['report_pending'] is False
 
 
 def test_continuous_scan_is_one_sweep_a_laser(client, fake, orchestrator):
@@ -272,9 +288,11 @@ def test_failed_rendering_is_reported_and_ends_no_scan(client, fake, orchestrato
     fake.on_call['mesher/build'] = spoil
     success, answer = client.trigger('scan')
     assert success, answer
-    assert 'could not be rendered' in answer['picture_error']
-    report = json.loads((root / answer['scan_id'] / 'report.json').read_text())
-    assert report['picture_error'] == answer['picture_error']
+    status = await_report(client)
+    assert (status['stage'], status['report']) == ('DONE', '')
+    assert 'could not be rendered' in status['report_error']
+    job = scan_folder.load_job(root / answer['scan_id'])
+    assert (job['report_pending'], job['picture_error']) == (False, status['report_error'])
 
 
 def test_cancel_ends_the_jobs_of_the_nodes(client, fake, orchestrator):

@@ -10,7 +10,7 @@ from trajectory_msgs.msg import JointTrajectory
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from ivfmc_ros.errors import ParameterError
-from ivfmc_ros.nodes.turntable import read_trajectory
+from ivfmc_ros.nodes.convert.joints import read_trajectory
 
 
 def trajectory(position, sec=1):

@@ -35,6 +35,8 @@ from ivfmc_ros.simulation.parts.solids import demo_part
 from ivfmc_ros.surface import Surface
 
 _COMING_UP_S = 120.0
+# Seconds to wait for the rendered report, which ends with the cell.
+_REPORT_S = 600.0
 # Meters at which the colors of deviation.png saturate: five times the rms that is expected.
 _SPAN = 1e-4
 
@@ -71,6 +73,7 @@ def run_graph(output: Path, seed: int, wanted: Mapping[str, Any]) -> None:
             up = time.monotonic()
             result = run_scan(client, dict(wanted), _alive(processes))
             seconds = {'start': up - begin, 'scan': time.monotonic() - up}
+            _await_report(client, result, _alive(processes))
     vertices, faces = read_stl(Path(result['files']['mesh.stl']))
     nominal = Surface(part.vertices_xyz, part.faces)
     deviation = summarize(nominal.signed_distance(vertices))
@@ -94,6 +97,17 @@ def _await_cell(client: CellClient, processes: Processes) -> None:
 
     # on a loaded machine the slowest node takes much longer to import than the orchestrator
     client.until(up, _COMING_UP_S, 'all nodes to come up')
+
+
+def _await_report(
+    client: CellClient, result: Mapping[str, Any], alive: Callable[[], None]
+) -> None:
+    def rendered() -> bool:
+        alive()
+        return bool(client.status.get('report') or client.status.get('report_error'))
+
+    if result.get('report_pending'):
+        client.until(rendered, _REPORT_S, 'the report to be rendered')
 
 
 def _alive(processes: Processes) -> Callable[[], None]:

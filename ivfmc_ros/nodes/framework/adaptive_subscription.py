@@ -10,6 +10,8 @@ the subscription is created again when it has changed.
 
 from collections.abc import Callable
 from typing import Any
+from typing import ClassVar
+from weakref import WeakKeyDictionary
 
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import QoSProfile
@@ -17,9 +19,50 @@ from rclpy.qos import ReliabilityPolicy
 
 from ivfmc_ros.nodes.framework import qos
 from ivfmc_ros.nodes.framework.base import CellNode
+from ivfmc_ros.nodes.framework.timers import set_period
 
-# Seconds between two looks at the graph: new publishers are received after half of it on average.
-POLL_S = 0.25
+# Seconds between two looks at the graph, for the first seconds of a subscription and afterwards.
+# New publishers are received after half of it on average.
+POLL_S, _SETTLED_POLL_S = 0.25, 1.0
+_SETTLING_S = 5.0
+
+
+class _GraphPoll:
+    """One timer by which all adaptive subscriptions of a node look at the graph."""
+
+    _of_node: ClassVar[WeakKeyDictionary[CellNode, '_GraphPoll']] = WeakKeyDictionary()
+
+    def __init__(self, node: CellNode) -> None:
+        self._node = node
+        self._callbacks: list[Callable[[], None]] = []
+        self._settled_s = 0.0
+        self._timer = node.steady_timer(POLL_S, self._poll)
+        self.hurry()
+
+    @classmethod
+    def of(cls, node: CellNode) -> '_GraphPoll':
+        """Return the one of a node."""
+        if node not in cls._of_node:
+            cls._of_node[node] = cls(node)
+        return cls._of_node[node]
+
+    def add(self, callback: Callable[[], None]) -> None:
+        self._callbacks.append(callback)
+        self.hurry()
+
+    def remove(self, callback: Callable[[], None]) -> None:
+        self._callbacks.remove(callback)
+
+    def hurry(self) -> None:
+        """Look more often for some seconds: a subscription is new."""
+        self._settled_s = self._node.steady_s() + _SETTLING_S
+        set_period(self._timer, POLL_S)
+
+    def _poll(self) -> None:
+        for callback in list(self._callbacks):
+            callback()
+        if self._node.steady_s() > self._settled_s:
+            set_period(self._timer, _SETTLED_POLL_S)
 
 
 class AdaptiveSubscription:
@@ -50,7 +93,8 @@ class AdaptiveSubscription:
         own = qos.of_topic(topic)
         self._offered = (own.reliability, own.durability)
         self._subscription = self._subscribe()
-        self._timer = node.steady_timer(POLL_S, self._adapt)
+        self._poll = _GraphPoll.of(node)
+        self._poll.add(self._adapt)
 
     @property
     def topic(self) -> str:
@@ -69,6 +113,8 @@ class AdaptiveSubscription:
         An executor takes one message of each topic in a round. A callback that works for long in
         each round would be late for the others, and lose them when they are more than ``depth``.
         """
+        if self._subscription is None:
+            return
         handle = self._subscription.handle
         for _ in range(self._depth):
             with handle:
@@ -77,10 +123,27 @@ class AdaptiveSubscription:
                 return
             self._callback(taken[0])
 
+    @property
+    def is_paused(self) -> bool:
+        """Whether no messages are received, by ``pause``."""
+        return self._subscription is None
+
+    def pause(self) -> None:
+        """Receive no messages until ``resume``: they cost their transport and wake the node."""
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = None
+
+    def resume(self) -> None:
+        """Receive messages again, within some 0.1 s."""
+        if self._subscription is None:
+            self._subscription = self._subscribe()
+            self._poll.hurry()
+
     def destroy(self) -> None:
         """End the subscription."""
-        self._node.destroy_timer(self._timer)
-        self._node.destroy_subscription(self._subscription)
+        self._poll.remove(self._adapt)
+        self.pause()
 
     def _adapt(self) -> None:
         found = self._node.get_publishers_info_by_topic(self.topic)
@@ -96,8 +159,9 @@ class AdaptiveSubscription:
         )
         if offered != self._offered:
             self._offered = offered
-            self._node.destroy_subscription(self._subscription)
-            self._subscription = self._subscribe()
+            if self._subscription is not None:
+                self._node.destroy_subscription(self._subscription)
+                self._subscription = self._subscribe()
 
     def _subscribe(self) -> Any:
         reliability, durability = self._offered

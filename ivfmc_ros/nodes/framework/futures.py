@@ -46,7 +46,7 @@ class _Wait:
 
 class Waiter:
     """
-    Lets coroutines of a node await conditions, which a steady timer polls.
+    Lets coroutines of a node await conditions, which a steady timer polls while there are some.
 
     Time in which the node itself was stopped counts towards no time-out: the messages of that
     time are still in its queues.
@@ -56,7 +56,8 @@ class Waiter:
         self._node = node
         self._waits: list[_Wait] = []
         self._clock = AttentiveClock(_MAX_LATE_S, node.steady_s)
-        node.steady_timer(POLL_S, self._poll)
+        self._timer = node.steady_timer(POLL_S, self._poll)
+        self._timer.cancel()
 
     async def until(
         self,
@@ -80,6 +81,8 @@ class Waiter:
             future=Future(executor=self._node.executor),
         )
         self._waits.append(wait)
+        if self._timer.is_canceled():
+            self._timer.reset()
         await wait.future
 
     def _poll(self) -> None:
@@ -98,6 +101,8 @@ class Waiter:
                 if ready:
                     self._waits.remove(wait)
                     wait.future.set_result(None)
+        if not self._waits:
+            self._timer.cancel()
 
 
 class ServiceClients:

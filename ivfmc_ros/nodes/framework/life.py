@@ -10,6 +10,7 @@ for the shorter time ends. ROS names alone do not tell: a node that was killed s
 from collections.abc import Callable
 import secrets
 import time
+from typing import Any
 
 from rclpy.node import Node
 from rclpy.task import Future
@@ -17,11 +18,14 @@ from std_msgs.msg import Header
 
 from ivfmc_ros.nodes.framework import qos
 
-HEARTBEAT_S = 0.1
+# Period of heartbeats, seconds: the contract is 5 Hz or more, and each one wakes two nodes.
+HEARTBEAT_S = 0.18
 # Age in seconds from which a node serves requests: discovery takes less on an idle computer.
 _SETTLE_S = 1.0
 # ... where the graph has another publisher of its heartbeat, which may be that of a dead node.
 _DOUBTFUL_S = 3.0
+# Seconds between two looks for a second publisher of the heartbeat.
+_LOOK_S = 1.0
 # Ages that differ by less are equal, seconds: messages take that long.
 _SAME_AGE_S = 0.5
 
@@ -49,15 +53,11 @@ class Life:
         self._on_settled = on_settled
         self._begin_s = time.monotonic()
         self._settled = False
+        self._looked_s = 0.0
         self._waiting: list[Future] = []
         self._publisher = node.create_publisher(Header, '~/heartbeat', qos.reliable(10))
-        self._subscription = node.create_subscription(
-            Header,
-            '~/heartbeat',
-            self._receive,
-            qos.reliable(10),
-            event_callbacks=qos.NO_SUBSCRIPTION_EVENTS,
-        )
+        self._subscription: Any = None
+        self._listen()
 
     @property
     def age_s(self) -> float:
@@ -81,6 +81,31 @@ class Life:
             self._on_settled()
             for waiting in self._waiting:
                 waiting.set_result(None)
+        if self._settled and self.age_s - self._looked_s > _LOOK_S:
+            self._looked_s = self.age_s
+            self._listen_for_another()
+
+    def _listen_for_another(self) -> None:
+        """
+        Receive heartbeats only while the graph has a second publisher of them.
+
+        Otherwise every own heartbeat would wake this node once more.
+        """
+        if self._node.count_publishers(self._publisher.topic_name) > 1:
+            self._listen()
+        elif self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = None
+
+    def _listen(self) -> None:
+        if self._subscription is None:
+            self._subscription = self._node.create_subscription(
+                Header,
+                '~/heartbeat',
+                self._receive,
+                qos.reliable(10),
+                event_callbacks=qos.NO_SUBSCRIPTION_EVENTS,
+            )
 
     def _is_alone(self) -> bool:
         if self.age_s < _SETTLE_S:

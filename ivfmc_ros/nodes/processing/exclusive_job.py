@@ -9,6 +9,7 @@ from typing import Any
 from ivfmc_ros.errors import BusyError
 from ivfmc_ros.errors import CancelledError
 from ivfmc_ros.nodes.framework.base import CellNode
+from ivfmc_ros.nodes.processing import worker_jobs
 from ivfmc_ros.worker import Job
 from ivfmc_ros.worker import Worker
 
@@ -30,7 +31,7 @@ class ExclusiveJob:
 
     def __init__(self, node: CellNode) -> None:
         self._node = node
-        self._worker = Worker()
+        self._worker = Worker([worker_jobs.__name__])
         self._claim: Claim | None = None
 
     @property

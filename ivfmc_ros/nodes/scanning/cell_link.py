@@ -100,9 +100,11 @@ class CellLink:
         self.controller = ControllerWatch(node)
         self._hold = node.publish_on(Header, 'beam_hold')
         self._trajectory = node.publish_on(JointTrajectory, 'joint_trajectory')
+        # of a scan only: in an idle cell every image would wake this node
+        self._infos = AdaptiveSubscription(node, CameraInfo, 'camera_info', self._receive_camera)
+        self._infos.pause()
         self._subscriptions = [
             AdaptiveSubscription(node, JointState, JOINTS, self._receive_joints),
-            AdaptiveSubscription(node, CameraInfo, 'camera_info', self._receive_camera),
             node.subscribe(JointState, 'laser_states', self._receive_lasers),
             node.subscribe(PointCloud2, 'profile', self._receive_profile),
             node.subscribe(UInt64, 'recorded', self._receive_recorded),
@@ -124,10 +126,15 @@ class CellLink:
 
     def start_scan(self) -> None:
         """Forget the profiles of the previous scan; their numbers start at 0 again."""
+        self._infos.resume()
         self.headers.clear()
         self.clocks.reset()
         self.info_stamps_ns.clear()
         self.recorded = self._unrecorded_since = self._repeated_seq = None
+
+    def end_scan(self) -> None:
+        """Receive no camera_info until the next scan."""
+        self._infos.pause()
 
     def require_unique_profiles(self) -> None:
         """:raises HelperError: two profiles of the scan have the same number."""

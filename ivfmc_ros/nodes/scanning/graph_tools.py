@@ -27,7 +27,7 @@ from ivfmc_ros.scan.job import Outcome
 from ivfmc_ros.scan.plan import NOT_MEASURED
 from ivfmc_ros.scan.plan import require_steps
 from ivfmc_ros.scan.plan import Sweep
-from ivfmc_ros.scan.report import finish_scan
+from ivfmc_ros.scan.report import write_figures
 from ivfmc_ros.scan.state_machine import StateMachine
 
 # Nodes that every scan needs.
@@ -67,7 +67,7 @@ class GraphTools:
 
     camera_info : first message of the scan
     bag : response of the recorder
-    picture_error : why the image of the mesh could not be rendered, '' if it could
+    has_figures : report.json is written, from which the report can be rendered
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class GraphTools:
         self._are_images_needed = True
         self._standstill_ns = 0
         self.bag: Mapping[str, Any] = {}
-        self.picture_error = ''
+        self.has_figures = False
 
     async def prepare(self) -> None:
         """Send the id and the settings of the scan to the nodes, and start the recorder."""
@@ -308,7 +308,7 @@ class GraphTools:
         return answer
 
     async def finish(self, outcome: Outcome) -> None:
-        """Close the bag and write the report of the scan."""
+        """Close the bag and write the figures of the scan; its images are rendered later."""
         self.bag = await self._stop_recording()
         last = max(self._link.headers)
         # older recorders answer without the number
@@ -316,7 +316,8 @@ class GraphTools:
             text = f'the bag ends with profile {self.bag["recorded"]} instead of {last}'
             raise HelperError(_NOT_RECORDED, text)
         folder, bag = self.context.folder, self.bag
-        self.picture_error = await self.in_thread(finish_scan, folder, outcome, bag)
+        await self.in_thread(write_figures, folder, outcome, bag)
+        self.has_figures = True
 
     async def in_thread(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Run blocking work in a thread and return its result."""

@@ -24,6 +24,8 @@ from ivfmc_ros.scan import scan_folder
 from ivfmc_ros.scan.job import Outcome
 from ivfmc_ros.scan.job import run_job
 from ivfmc_ros.scan.progress import ScanProgress
+from ivfmc_ros.scan.report import PENDING
+from ivfmc_ros.scan.report import REPORT_PAGE
 from ivfmc_ros.scan.state_machine import FINAL_STAGES
 from ivfmc_ros.scan.state_machine import Stage
 from ivfmc_ros.scan.state_machine import StateMachine
@@ -45,6 +47,8 @@ _KEYS = (
     'eta_s',
     'code',
     'result',
+    'report',
+    'report_error',
 )
 
 
@@ -55,6 +59,7 @@ class RunningScan:
 
     ended : future of the response
     result : the response, None while the scan runs
+    report, report_error : path of the rendered report, or why there is none; '' before
     """
 
     context: ScanContext
@@ -63,6 +68,8 @@ class RunningScan:
     link: CellLink
     ended: Future
     result: Mapping[str, Any] | None = None
+    report: str = ''
+    report_error: str = ''
     _writer: CatalogueWriter = field(init=False)
     _progress: ScanProgress = field(init=False)
 
@@ -176,6 +183,8 @@ class RunningScan:
             'eta_s': f'{progress.eta_s():.1f}',
             'code': '' if result is None else str(result['code']),
             'result': '' if result is None else to_json(result),
+            'report': self.report,
+            'report_error': self.report_error,
         }
 
     @staticmethod
@@ -199,12 +208,16 @@ class RunningScan:
             'registration': _without_code(outcome.registration),
             'mesh': _without_code(outcome.mesh),
             'completeness': dict(outcome.completeness),
+            PENDING: self.tools.has_figures,
         }
         if outcome.detail:
             answer['detail'] = outcome.detail
-        if self.tools.picture_error:
-            answer['picture_error'] = self.tools.picture_error
         return answer
+
+    def report_ended(self, error: str) -> None:
+        """Note that the report is rendered; ``error`` : why it could not be, or ''."""
+        self.report = '' if error else str(self.folder / REPORT_PAGE)
+        self.report_error = error
 
     def _counts(self, outcome: Outcome) -> dict[str, Any]:
         headers = self.link.headers
@@ -228,6 +241,7 @@ class RunningScan:
             'views_total': self.context.plan.views,
             'profiles_done': self._progress.profiles_done,
             'profiles_total': self.context.plan.profiles,
+            PENDING: outcome is not None and self.tools.has_figures,
         }
         scan_folder.save_job(self.folder, document)
 
