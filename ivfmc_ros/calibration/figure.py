@@ -185,7 +185,8 @@ def _draw_corners(axes: Any, result: TurntableCalibration, camera: Camera, pictu
 def _read_rgb(path: Path) -> Any:
     image = read_picture(path)
     if image.dtype == np.uint16:
-        image = (image >> 8).astype(np.uint8)
+        # the brightest value is full scale, as for the detection of the board
+        image = (image * (255.0 / max(int(image.max(initial=0)), 255))).astype(np.uint8)
     code = cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB
     return cv2.cvtColor(image, code)
 

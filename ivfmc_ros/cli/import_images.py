@@ -12,6 +12,7 @@ from ivfmc_ros.angles import load_angles
 from ivfmc_ros.cell.camera_file import load_camera
 from ivfmc_ros.cli.support.progress import progress_bars
 from ivfmc_ros.cli.support.quantities import angle
+from ivfmc_ros.cli.support.reconstruction_options import image_bits_option
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.pictures import list_pictures
 from ivfmc_ros.storage.recording.image_import import ImageAtAngle
@@ -39,6 +40,7 @@ _LISTED = 5
     help='Sense of --step, seen from above the table (default: ccw).',
 )
 @click.option('--laser', metavar='NAME', help='Laser of cell.yaml that was on, if it has several.')
+@image_bits_option
 @click.option('--rate', default=10.0, show_default=True, help='Pictures a second in the bag.')
 @click.option(
     '--joint', default='turntable_joint', show_default=True, help='Name of the table in the bag.'
@@ -51,6 +53,7 @@ def import_images(
     output: Path | None,
     direction: str | None,
     laser: str | None,
+    image_bits: int,
     rate: float,
     joint: str,
 ) -> None:
@@ -71,7 +74,14 @@ def import_images(
     model = load_camera(camera)
     with progress_bars() as progress:
         import_images_as_bag(
-            steps, model, target, rate=rate, joint=joint, laser=laser, progress=progress
+            steps,
+            model,
+            target,
+            rate=rate,
+            joint=joint,
+            laser=laser,
+            image_bits=image_bits,
+            progress=progress,
         )
     click.echo(f'{target}: {_summary(steps)}{_missing(gaps)}')
 

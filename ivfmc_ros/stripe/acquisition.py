@@ -17,6 +17,8 @@ from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.volume import Volume
 from ivfmc_ros.errors import CellError
 from ivfmc_ros.errors import GeometryError
+from ivfmc_ros.image_bits import require_known_bits
+from ivfmc_ros.image_bits import to_full_scale
 from ivfmc_ros.model import Frame
 from ivfmc_ros.model import Image
 from ivfmc_ros.model import Profile
@@ -125,9 +127,12 @@ class Acquisition:
 
         These are the color channel, the estimator (translucent material or not) and the least
         width of the stripe.
+
+        :raises ParameterError: the images look like fewer bits than their pixels have
         """
         frames = list(frames)
         extraction = self.settings.extract
+        require_known_bits((frame.image for frame in frames), extraction.image_bits)
         if extraction.channel == 'auto':
             chosen = channel.unclipped_channel(self._masked(frame) for frame in frames)
             extraction = replace(extraction, channel=chosen)
@@ -227,6 +232,22 @@ class Acquisition:
         image = subtract_ambient(frame) * (mask if frame.image.ndim == 2 else mask[..., None])
         by_row = self.cell.lasers[frame.laser].stripe == 'rows'
         return image if by_row else np.swapaxes(image, 0, 1)
+
+    def prepare(self, frame: Frame) -> Frame:
+        """
+        Return a frame that fits the cell, its images scaled to the full range of their pixels.
+
+        :raises CellError: the size of the image differs from the calibration, or unknown laser
+        :raises GeometryError: the table angle is not finite
+        :raises ParameterError: the image has more bits than ``image_bits``
+        """
+        self.require_usable(frame)
+        bits, where = self.settings.extract.image_bits, f'image {frame.seq}'
+        image = to_full_scale(frame.image, bits, where)
+        if image is frame.image:
+            return frame
+        dark = None if frame.dark is None else to_full_scale(frame.dark, bits, where)
+        return replace(frame, image=image, dark=dark)
 
     def require_usable(self, frame: Frame) -> None:
         """

@@ -5,6 +5,8 @@
 from dataclasses import dataclass
 
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.image_bits import require_image_bits
+from ivfmc_ros.image_bits import UNKNOWN
 from ivfmc_ros.stripe import channel
 from ivfmc_ros.stripe.estimators import METHODS
 from ivfmc_ros.stripe.noise import SensorNoise
@@ -35,6 +37,8 @@ class ExtractSettings:
     least_width : pixels; a stripe with a smaller sigma is taken as cut by an edge; None:
         estimated from the first images of a scan, no limit in a single image
     along : rows; sigma of the Gaussian that smooths positions along the stripe; 0: off
+    image_bits : significant bits of 16-bit images, 8 to 16, where the camera sends 10, 12 or 14
+        bits in the low ones; 0: unknown, and images that look like fewer bits are refused
     noise : noise model of the pixels, for weights and sigmas; None: the bench cell's camera
     """
 
@@ -52,6 +56,7 @@ class ExtractSettings:
     shape_uncertainty: bool = True
     least_width: float | None = None
     along: float = 0.0
+    image_bits: int = UNKNOWN
     noise: SensorNoise | None = None
 
     def __post_init__(self) -> None:
@@ -68,6 +73,7 @@ class ExtractSettings:
         require_in_range('max_sigma', self.max_sigma, 1.0, 50.0, 'pixels')
         require_in_range('max_widening', self.max_widening, 1.0, 50.0, open_low=True)
         require_in_range('along', self.along, 0.0, 50.0, 'rows')
+        require_image_bits(self.image_bits)
         width = self.least_width
         if width is not None:
             require_in_range('least_width', width, 0.1, 50.0, 'pixels')

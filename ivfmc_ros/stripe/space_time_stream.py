@@ -42,8 +42,9 @@ class SpaceTimeAcquisition:
 
         :raises CellError: the size of the image differs from the calibration, or unknown laser
         :raises GeometryError: the table angle of the image is not finite
+        :raises ParameterError: the images do not have ``image_bits``, or look like fewer bits
         """
-        self.acquisition.require_usable(frame)
+        frame = self.acquisition.prepare(frame)
         if self._buffered is None:
             return self._process(frame)
         self._buffered.append(frame)

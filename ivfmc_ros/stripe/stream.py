@@ -51,20 +51,23 @@ class StreamAcquisition:
 
         :raises CellError: the size of the image differs from the calibration, or unknown laser
         :raises GeometryError: the table angle of the image is not finite
+        :raises ParameterError: the images do not have ``image_bits``, or look like fewer bits
         """
+        frame = self.acquisition.prepare(frame)
         if self._buffered is None:
             return [(frame, self._measure(frame))]
-        self.acquisition.require_usable(frame)
         self._buffered.append(frame)
         return self.flush() if len(self._buffered) >= self._sampled else []
 
     def flush(self) -> FrameProfiles:
         """Resolve automatic settings from the buffered images, and return their profiles."""
-        buffered, self._buffered = self._buffered, None
+        buffered, self._buffered = self._buffered, []
         if not buffered:
             self._buffered = buffered
             return []
+        # images that are refused do not determine the settings of those that follow
         self.acquisition.resolve_auto_settings(buffered)
+        self._buffered = None
         self._on_progress()
         return [(frame, self._measure(frame)) for frame in buffered]
 

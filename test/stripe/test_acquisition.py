@@ -17,6 +17,8 @@ from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Frame
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
+from ivfmc_ros.stripe.extract import ExtractSettings
+from ivfmc_ros.stripe.space_time_stream import create_stream
 
 SPHERE = Sphere(np.array([0.01, 0.005, 0.04]), 0.02)
 BLACK = np.zeros((512, 640), dtype=np.uint8)
@@ -151,3 +153,49 @@ def test_angle_that_is_not_known_is_refused(angle):
 def test_setting_out_of_range_is_refused(name, value):
     with pytest.raises(ParameterError, match=rf'^{name}: .* is out of range; it must be'):
         AcquisitionSettings(**{name: value})
+
+
+def in_low_bits(frame, bits):
+    """The frame as a camera of so many bits sends it in 16."""
+    return replace(frame, image=(frame.image.astype(np.uint16) * 257) >> (16 - bits))
+
+
+def profiles(frames, **settings):
+    stream = create_stream(acquisition(**settings))
+    found = [pair for frame in frames for pair in stream.add(frame)]
+    return [profile for _, profile in [*found, *stream.flush()]]
+
+
+@pytest.mark.parametrize('bits', [10, 12])
+def test_camera_of_fewer_bits_in_16_gives_the_points_of_its_full_scale(bits):
+    frames = sphere_frames(small_cell(), SPHERE, 6, seed=1)
+    settings = ExtractSettings(image_bits=bits)
+    expected = profiles(frames)
+    found = profiles([in_low_bits(frame, bits) for frame in frames], extract=settings)
+    for one, other in zip(found, expected, strict=True):
+        assert len(one) == pytest.approx(len(other), abs=3)
+        assert one.intensity.mean() == pytest.approx(other.intensity.mean(), rel=0.01)
+
+
+@pytest.mark.parametrize('space_time', [0, 2])
+def test_camera_of_fewer_bits_is_asked_for_their_number(space_time):
+    frames = [in_low_bits(frame, 12) for frame in sphere_frames(small_cell(), SPHERE, 4, seed=1)]
+    with pytest.raises(ParameterError, match=r'in 4 pictures; the camera looks like 12 bits'):
+        profiles(frames, space_time=space_time)
+
+
+def test_image_with_more_bits_than_said_is_named():
+    (frame,) = sphere_frames(small_cell(), SPHERE, 1, seed=1)
+    settings = ExtractSettings(image_bits=10)
+    with pytest.raises(ParameterError, match=r'image_bits: 10 bits .* image 0 has'):
+        profiles([in_low_bits(frame, 12)], extract=settings)
+
+
+def test_images_that_are_refused_do_not_let_the_next_ones_pass():
+    stream = create_stream(acquisition())
+    frames = [in_low_bits(f, 12) for f in sphere_frames(small_cell(), SPHERE, 4, seed=1)]
+    for _ in range(2):
+        for frame in frames:
+            assert stream.add(frame) == []
+        with pytest.raises(ParameterError, match='12 bits'):
+            stream.flush()

@@ -192,9 +192,14 @@ def find_corners(board: Board, image: Image, *, with_stripe: bool = False) -> Co
 
 
 def to_gray(image: Image) -> NDArray[np.uint8]:
-    """Return a picture as (height, width) uint8."""
+    """
+    Return a picture as (height, width) uint8.
+
+    The brightest value of 16 bits becomes full scale: many cameras send 10, 12 or 14 bits in the
+    low ones, and the position of a corner does not depend on the scale.
+    """
     if image.dtype == np.uint16:
-        image = (image >> 8).astype(np.uint8)
+        image = (image * (255.0 / max(int(image.max(initial=0)), 255))).astype(np.uint8)
     if image.ndim == 3:
         return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     return np.asarray(image, dtype=np.uint8)

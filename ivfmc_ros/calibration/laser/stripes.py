@@ -13,6 +13,7 @@ from ivfmc_ros.calibration.camera.board_poses import BoardPose
 from ivfmc_ros.calibration.laser.paper_mask import PaperMask
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.cell.laser import Stripe as Direction
+from ivfmc_ros.image_bits import to_full_scale
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Image
@@ -94,6 +95,7 @@ def extract_board_stripe(
     white : (height, width) bool, from ``white_mask``
     returns : None without a straight stripe of at least 20 points
     """
+    image = to_full_scale(image, settings.image_bits, 'the picture')
     gray = channel.to_gray(image, settings.channel)
     candidates = [
         _straightest_stripe(

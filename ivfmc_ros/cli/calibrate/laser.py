@@ -23,8 +23,14 @@ from ivfmc_ros.cell.cell_file import save_draft
 from ivfmc_ros.cell.laser import Stripe
 from ivfmc_ros.cli.calibrate import options
 from ivfmc_ros.cli.support.progress import progress_bars
+from ivfmc_ros.cli.support.reconstruction_options import image_bits_option
 from ivfmc_ros.errors import CellError
+from ivfmc_ros.image_bits import require_known_bits
+from ivfmc_ros.pictures import read_picture
 from ivfmc_ros.stripe.extract import ExtractSettings
+
+# Pictures whose number of bits is looked at.
+_INSPECTED = 4
 
 
 @click.command()
@@ -43,6 +49,7 @@ from ivfmc_ros.stripe.extract import ExtractSettings
 @click.option(
     '--channel', default='auto', show_default=True, help='Color channels to use, as blue+red.'
 )
+@image_bits_option
 @click.option(
     '--bend/--no-bend', default=True, help='Estimate the bend of a board that is not flat.'
 )
@@ -71,6 +78,7 @@ def laser(
     name: str,
     stripe: Stripe,
     channel: str,
+    image_bits: int,
     bend: bool,
     bow: bool,
     platter: Path | None,
@@ -85,9 +93,10 @@ def laser(
     """
     options.require_writable(cell_file)
     camera, draft = load_camera(camera_file), options.load_or_new_draft(cell_file)
-    extract = ExtractSettings(channel=channel)
+    extract = ExtractSettings(channel=channel, image_bits=image_bits)
     settings = LaserSettings(name=name, stripe=stripe, fit_bend=bend, fit_bow=bow, extract=extract)
     pictures, place = options.list_all_pictures(folders), options.where(folders)
+    require_known_bits((read_picture(path) for path in pictures[:_INSPECTED]), image_bits)
     if platter is not None and draft.turntable is None:
         raise CellError(f"{cell_file}: turntable: missing; run 'ivfmc calibrate turntable' first")
     with progress_bars() as progress:

@@ -13,6 +13,9 @@ import numpy as np
 
 from ivfmc_ros.cell.laser import Stripe
 from ivfmc_ros.cli.support.output import console
+from ivfmc_ros.cli.support.reconstruction_options import image_bits_option
+from ivfmc_ros.image_bits import require_known_bits
+from ivfmc_ros.image_bits import to_full_scale
 from ivfmc_ros.model import Image
 from ivfmc_ros.pictures import list_pictures
 from ivfmc_ros.pictures import read_picture
@@ -49,7 +52,10 @@ _MAX_SHAPE_ERROR = 0.03
 @click.option(
     '--channel', default='auto', show_default=True, help='Color channels to use, as blue+red.'
 )
-def noise(pictures: tuple[Path, ...], output: Path, stripe: Stripe, channel: str) -> None:
+@image_bits_option
+def noise(
+    pictures: tuple[Path, ...], output: Path, stripe: Stripe, channel: str, image_bits: int
+) -> None:
     """
     Estimate the noise of a camera from PICTURES of the stripe: folders or files.
 
@@ -57,8 +63,12 @@ def noise(pictures: tuple[Path, ...], output: Path, stripe: Stripe, channel: str
     that each has another speckle pattern. The weight and the stated standard deviation of every
     point are computed from this noise.
     """
-    settings = ExtractSettings(channel=channel)
-    images = [_upright(read_picture(path), stripe) for path in _sample_paths(pictures)]
+    settings = ExtractSettings(channel=channel, image_bits=image_bits)
+    read = {str(path): read_picture(path) for path in _sample_paths(pictures)}
+    require_known_bits(read.values(), image_bits)
+    images = [
+        _upright(to_full_scale(image, image_bits, name), stripe) for name, image in read.items()
+    ]
     color = channel if channel != 'auto' else channels.unclipped_channel(images)
     gray_images = [channels.to_gray(image, color) for image in images]
     result = estimate_noise(gray_images, settings)

@@ -11,6 +11,7 @@ import click
 
 from ivfmc_ros.cell.volume import Volume
 from ivfmc_ros.cli.support.quantities import length
+from ivfmc_ros.image_bits import UNKNOWN
 from ivfmc_ros.meshing.io.export import UNITS
 from ivfmc_ros.meshing.settings import CLOSINGS
 from ivfmc_ros.meshing.settings import MeshSettings
@@ -25,6 +26,14 @@ from ivfmc_ros.stripe.noise_file import load_noise
 
 Command = TypeVar('Command', bound=Callable[..., Any])
 
+image_bits_option = click.option(
+    '--image-bits',
+    type=int,
+    default=UNKNOWN,
+    help='Significant bits of 16-bit pictures, such as 12.  [default: pictures that look like '
+    'fewer bits are refused]',
+)
+
 _OPTIONS = (
     click.option('--radius', type=length(1e-4, 10.0), default='60mm', show_default=True,
                  help='Radius of the working volume about the table axis.'),
@@ -38,6 +47,7 @@ _OPTIONS = (
     click.option('--channel', default='auto', show_default=True,
                  help='Color channels that measure the stripe, such as red or blue+red; auto '
                       'takes those that do not saturate.'),
+    image_bits_option,
     click.option('--max-uncertainty', type=float, default=0.3, show_default=True,
                  help='Drop stripe points whose position has a larger standard uncertainty, as '
                       'a fraction of the stripe width; smaller values give cleaner edges.'),
@@ -95,6 +105,7 @@ def settings_of(options: dict[str, Any]) -> Settings:
     extract = ExtractSettings(
         method=options['method'],
         channel=options['channel'],
+        image_bits=options['image_bits'],
         max_uncertainty=options['max_uncertainty'],
         noise=None if options['noise'] is None else load_noise(options['noise']),
         min_contrast=options['min_contrast'],

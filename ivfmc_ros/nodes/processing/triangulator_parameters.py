@@ -24,6 +24,7 @@ _RANGES = {
     'extract.max_widening': (1.001, 50.0),
     'extract.smoothing': (1, 31),
     'extract.along': (0.0, 50.0),
+    'extract.image_bits': (0, 16),
     'volume.radius': (1e-4, 10.0),
     'volume.bottom': (-1.0, 10.0),
     'volume.top': (-1.0, 10.0),

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes image files, one for each table angle, as a bag."""
 
+from collections.abc import Iterator
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,16 +16,25 @@ import numpy as np
 
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.errors import FileError
+from ivfmc_ros.image_bits import require_image_bits
+from ivfmc_ros.image_bits import require_known_bits
+from ivfmc_ros.image_bits import to_full_scale
+from ivfmc_ros.image_bits import UNKNOWN
+from ivfmc_ros.model import Image
 from ivfmc_ros.pictures import decode_picture
 from ivfmc_ros.pictures import is_jpeg
 from ivfmc_ros.pictures import is_png
 from ivfmc_ros.pictures import read_bytes
+from ivfmc_ros.pictures import read_picture
 from ivfmc_ros.progress import no_progress
 from ivfmc_ros.progress import Progress
 from ivfmc_ros.storage.bag.writer import BagWriter
 from ivfmc_ros.storage.bag.writer import create_bag
 from ivfmc_ros.storage.messages import cdr
 from ivfmc_ros.validation import require_in_range
+
+# Images whose number of bits is looked at.
+_INSPECTED = 16
 
 # Stamp of the first image, nanoseconds: fixed, so that the same images yield the same bag.
 START_NS = 1_000_000_000 * cdr.NANOSECONDS
@@ -152,25 +162,32 @@ def import_images_as_bag(
     rate: float = 10.0,
     joint: str = 'turntable_joint',
     laser: str | None = None,
+    image_bits: int = UNKNOWN,
     progress: Progress = no_progress,
 ) -> None:
     """
     Write images and angles as a bag; JPEG and PNG files are stored without re-encoding.
 
+    16-bit images of fewer significant bits are stored with full scale at 65535.
+
     folder : bag folder to create
     rate : images per second of the stamps
     joint : name of the table's joint
     laser : name of the laser that was on; None writes no laser_states
+    image_bits : significant bits of 16-bit images; 0: unknown
     :raises FileError: an image cannot be read, or the bag cannot be written
     :raises CellError: an image has another size than the camera
-    :raises ParameterError: the rate is not a positive number
+    :raises ParameterError: the rate is not a positive number, or the images do not have
+        ``image_bits``, or look like fewer bits
     """
+    require_image_bits(image_bits)
+    require_known_bits(_some(images), image_bits)
     require_in_range('rate', rate, 0.0, math.inf, 'images/s', open_low=True, open_high=True)
     with create_bag(folder) as bag:
         previous = images[0].angle
         for index, image in enumerate(images):
             stamp = START_NS + round(index * cdr.NANOSECONDS / rate)
-            data, format = _read_encoded(image.path, camera)
+            data, format = _read_encoded(image.path, camera, image_bits)
             _write_motion(bag, joint, stamp, rate, previous, image.angle)
             if laser is not None:
                 bag.laser_state(stamp, {laser: True})
@@ -180,14 +197,21 @@ def import_images_as_bag(
             progress('import', index + 1, len(images))
 
 
-def _read_encoded(path: Path, camera: Camera) -> tuple[bytes, str]:
+def _some(images: Sequence[ImageAtAngle]) -> Iterator[Image]:
+    """Yield a few images, spread over all."""
+    for index in np.unique(np.linspace(0, len(images) - 1, _INSPECTED).astype(int)):
+        yield read_picture(images[index].path)
+
+
+def _read_encoded(path: Path, camera: Camera, bits: int) -> tuple[bytes, str]:
     """Return a complete image of the camera's size as JPEG or PNG bytes, and the format."""
     data = read_bytes(path)
-    image = decode_picture(data, str(path))
-    camera.require_image_size(image.shape, str(path))
-    if is_jpeg(data):
+    stored = decode_picture(data, str(path))
+    camera.require_image_size(stored.shape, str(path))
+    image = to_full_scale(stored, bits, str(path))
+    if image is stored and is_jpeg(data):
         return data, 'jpeg'
-    if is_png(data):
+    if image is stored and is_png(data):
         return data, 'png'
     # PNG is lossless for the other formats
     done, encoded = cv2.imencode('.png', image)

@@ -73,6 +73,16 @@ def test_corners_are_found_to_a_tenth_of_a_pixel(cell, text):
     assert len(found) > 0.9 * len(board.corners_xyz)
 
 
+@pytest.mark.parametrize('bits', [10, 12, 16])
+def test_board_is_found_whatever_bits_of_16_the_camera_sends(cell, board, bits):
+    pose = look_at(20, -25, (0.0, 0.0, 0.4), board)
+    image = render_board(cell, board, pose_matrix(pose), optics=Optics(speckle=0.0))
+    low = (image.astype(np.uint16) * 257) >> (16 - bits)
+    found, expected = find_corners(board, low), find_corners(board, image)
+    assert np.array_equal(found.ids, expected.ids)
+    assert np.abs(found.uv - expected.uv).max() < 0.1
+
+
 def test_board_is_found_under_a_bright_stripe(cell, board):
     pose = look_at(5, -10, (0.0, 0.0, 0.4), board)
     image = render_board(cell, board, pose_matrix(pose), 0)

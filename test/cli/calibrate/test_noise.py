@@ -10,6 +10,7 @@ from support.synthetic import expose
 from ivfmc_ros.cli.calibrate.noise import noise
 from ivfmc_ros.errors import CalibrationError
 from ivfmc_ros.errors import FileError
+from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.stripe.noise_file import load_noise
 
 SHAPE = (400, 120)
@@ -32,6 +33,20 @@ def test_noise_of_a_folder_is_written(tmp_path, stripe):
     result = CliRunner().invoke(noise, arguments, catch_exceptions=False)
     assert result.exit_code == 0
     assert 'speckle contrast' in result.output
+    assert load_noise(output).speckle == pytest.approx(0.15, abs=0.02)
+
+
+def test_noise_of_a_camera_of_12_bits_is_that_of_its_full_scale(tmp_path):
+    write_pictures(tmp_path)
+    for path in tmp_path.glob('*.png'):
+        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED).astype(np.uint16) << 4
+        cv2.imwrite(str(path), image + 3)
+    output = tmp_path / 'noise.yaml'
+    asked = CliRunner().invoke(noise, [str(tmp_path), '-o', str(output)])
+    assert isinstance(asked.exception, ParameterError)
+    assert 'looks like 12 bits' in str(asked.exception)
+    arguments = [str(tmp_path), '-o', str(output), '--image-bits', '12']
+    assert CliRunner().invoke(noise, arguments, catch_exceptions=False).exit_code == 0
     assert load_noise(output).speckle == pytest.approx(0.15, abs=0.02)
 
 

@@ -123,6 +123,30 @@ def test_same_images_yield_the_same_bag(folder, camera, tmp_path):
     assert first == second
 
 
+def _in_12_bits(folder, make_image):
+    for path in folder.iterdir():
+        path.unlink()
+    images = [(make_image(number).astype(np.uint16) * 257) >> 4 for number in (1, 2, 3)]
+    for number, image in enumerate(images, 1):
+        cv2.imwrite(str(folder / f'step{number}.png'), image)
+    return images
+
+
+def test_images_of_fewer_bits_are_stored_at_full_scale(folder, camera, make_image, tmp_path):
+    images = _in_12_bits(folder, make_image)
+    import_images_as_bag(_steps(folder, [0, 1, 2]), camera, tmp_path / 'bag', image_bits=12)
+    frames = list(open_scan(tmp_path / 'bag').frames())
+    for frame, image in zip(frames, images, strict=True):
+        np.testing.assert_array_equal(frame.image, (image << 4) | (image >> 8))
+
+
+def test_images_that_look_like_fewer_bits_are_refused(folder, camera, make_image, tmp_path):
+    _in_12_bits(folder, make_image)
+    with pytest.raises(ParameterError, match='the camera looks like 12 bits'):
+        import_images_as_bag(_steps(folder, [0, 1, 2]), camera, tmp_path / 'bag')
+    assert not (tmp_path / 'bag').exists()
+
+
 def test_progress_is_reported(folder, camera, tmp_path):
     reports = []
     steps, target = _steps(folder, [0, 1, 2]), tmp_path / 'bag'
