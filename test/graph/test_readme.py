@@ -67,5 +67,5 @@ def test_the_bag_goes_through_the_nodes(folder):
 def test_a_cell_controller_scans(folder, start):
     start('--simulate')
     printed = paste('controller', folder)
-    assert printed.count('scan bracket') >= 1
+    assert '_bracket: ' in printed and ' profiles in 2 view(s)' in printed
     assert '"code": "OK"' in printed

@@ -53,8 +53,12 @@ def test_no_process_remains_when_up_is_killed(client, start):
     [
         (('--simulate', '--replay'), 'exclude each other'),
         ((), '--cell cell.yaml is needed'),
-        (('--cell', 'nowhere.yaml'), 'nowhere.yaml: there is no such file'),
-        (('--simulate', '--namespace', 'my cell'), "--namespace 'my cell': must be of letters"),
+        (('--replay', '--home-switch'), 'it needs --simulate'),
+        (('--cell', 'nowhere.yaml'), 'nowhere.yaml: no such file'),
+        (
+            ('--simulate', '--namespace', 'my cell'),
+            "--namespace 'my cell': must consist of letters",
+        ),
         (('--simulate', '--set', 'robot.x=1'), 'must be node.parameter=value'),
         (('--simulate', '--set', 'mesher.display_triangles=5'), 'mesher ended with exit code 2'),
     ],
