@@ -7,8 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ivfmc_ros.model import Bools
+from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
+from ivfmc_ros.registration.sampling import is_well_sampled
+from ivfmc_ros.registration.solver.correspondences import Correspondences
 from ivfmc_ros.registration.solver.gauss_newton import find_overlaps
 from ivfmc_ros.registration.solver.gauss_newton import RegistrationProblem
 from ivfmc_ros.registration.solver.verdict import trimmed_rms
@@ -16,6 +20,8 @@ from ivfmc_ros.registration.table import fit_view_surfels
 
 # If the rms exceeds the points' own noise by this factor, the laser planes or the axis are wrong.
 _MAX_NOISE_RATIO = 4.0
+# Least correspondences between densely sampled surfels by which the lasers are judged.
+_MIN_JUDGED = 30
 # Samples of each view that are compared: enough for the rms, and fast.
 _MAX_SAMPLES = 6000
 
@@ -28,12 +34,15 @@ class Misfit:
     rms : meters, along the normal, trimmed (without the worst tenth)
     noise : meters, the rms that the points' own sigmas explain
     correspondences : their number, between surfels of two lasers
+    judged : number of those where both views have profiles close enough to tell an error of the
+        calibration from that of the sampling (``sampling``)
     advice : what the operator can do; empty if the lasers fit
     """
 
     rms: float
     noise: float
     correspondences: int
+    judged: int
     advice: str
 
 
@@ -57,14 +66,57 @@ def laser_misfit(
     ]
     if not blocks:
         return None
-    residuals = np.concatenate([block.residuals for block in blocks])
-    rms = trimmed_rms(residuals)
-    noise = float(np.median(np.concatenate([block.sigma for block in blocks])))
-    advice = ''
-    if rms > _MAX_NOISE_RATIO * noise:
-        advice = (
-            f'the lasers measure the same surface {rms * 1e3:.3f} mm apart, {rms / noise:.0f} '
-            'times their noise: calibrate the laser planes and the axis again, or let this scan '
-            'correct them (refine axis, angle, lasers)'
+    rms, noise, count = _statistics(blocks)
+    dense = [
+        is_well_sampled(view, own, max_correspondence_distance, _MAX_SAMPLES // len(views))
+        for view, own in zip(views, surfels, strict=True)
+    ]
+    judged = _statistics(blocks, dense)
+    return Misfit(
+        rms=rms,
+        noise=noise,
+        correspondences=count,
+        judged=judged[2],
+        advice=_advice(*judged, all_rms=rms, all_noise=noise),
+    )
+
+
+def _statistics(
+    blocks: Sequence[Correspondences], chosen: Sequence[Bools] | None = None
+) -> tuple[float, float, int]:
+    """
+    Return trimmed rms and noise, meters, and number of correspondences.
+
+    chosen : of each view, which surfels are used; None for all
+    """
+    residuals: list[Floats] = []
+    sigmas: list[Floats] = []
+    for block in blocks:
+        used = np.ones(len(block), dtype=bool)
+        if chosen is not None:
+            used = chosen[block.a][block.index_a] & chosen[block.b][block.index_b]
+        residuals.append(block.residuals[used])
+        sigmas.append(block.sigma[used])
+    count = sum(map(len, residuals))
+    if not count:
+        return 0.0, 0.0, 0
+    noise = float(np.median(np.concatenate(sigmas)))
+    return trimmed_rms(np.concatenate(residuals)), noise, count
+
+
+def _advice(rms: float, noise: float, count: int, *, all_rms: float, all_noise: float) -> str:
+    """Return what to do, by the densely sampled surfels and by all; '' if the lasers fit."""
+    if count < _MIN_JUDGED:
+        if all_rms <= _MAX_NOISE_RATIO * all_noise:
+            return ''
+        return (
+            f'the lasers measure the same surface {all_rms * 1e3:.3f} mm apart; the profiles are '
+            'too far apart to tell whether that is the calibration: take more profiles to check it'
         )
-    return Misfit(rms=rms, noise=noise, correspondences=len(residuals), advice=advice)
+    if rms <= _MAX_NOISE_RATIO * noise:
+        return ''
+    return (
+        f'the lasers measure the same surface {rms * 1e3:.3f} mm apart, {rms / noise:.0f} '
+        'times their noise: calibrate the laser planes and the axis again, or let this scan '
+        'correct them (refine axis, angle, lasers)'
+    )

@@ -3,6 +3,7 @@
 """Chessboard and ChArUco boards: description, parsing, sub-pixel corner detection (OpenCV)."""
 
 from dataclasses import dataclass
+from dataclasses import replace
 from functools import cached_property
 import math
 import re
@@ -119,6 +120,15 @@ class Board:
         )
         board.setLegacyPattern(self.legacy)
         return board
+
+    def other_pattern(self) -> 'Board | None':
+        """
+        Return the ChArUco board of the same text with the other pattern; None for a chessboard.
+
+        OpenCV 4.6 changed the pattern of boards with an even number of rows; older prints are
+        ``legacy``.
+        """
+        return replace(self, legacy=not self.legacy) if self.kind == 'charuco' else None
 
     def __str__(self) -> str:
         text = f'{self.kind}:{self.columns}x{self.rows}:{self.square * 1e3:g}mm'

@@ -26,6 +26,8 @@ _Result = TypeVar('_Result')
 
 # Least number of corners for a pose of 6 parameters with residuals to judge it by.
 MIN_CORNERS = 8
+# Pictures in which the other ChArUco pattern is searched when a board is in none.
+_TWIN_PICTURES = 4
 # Least ratio of the two singular values of the corners: collinear ones leave the pose open.
 _MIN_SPREAD = 0.05
 
@@ -83,7 +85,7 @@ def find_views(
 
     def detect(path: Path) -> Corners | None:
         corners = find_corners(board, read_sized(path, size), with_stripe=with_stripe)
-        return corners if corners is not None and _constrains_pose(board, corners) else None
+        return corners if corners is not None and constrains_pose(board, corners) else None
 
     corners_by_picture = for_each_picture(detect, pictures, 'board', progress)
     detections = list(zip(pictures, corners_by_picture, strict=True))
@@ -91,10 +93,20 @@ def find_views(
     if not found:
         raise CalibrationError(
             f'{pictures[0].parent}: none of {len(pictures)} pictures shows {board}; '
-            'check --board: kind, number of columns and rows'
+            f'check --board: kind, number of columns and rows{_twin_text(board, pictures)}'
         )
     missed = tuple(path for path, corners in detections if not corners)
     return BoardViews(found=found, missed=missed, size=size)
+
+
+def _twin_text(board: Board, pictures: Sequence[Path]) -> str:
+    """Return that the board is seen as one of the other ChArUco pattern; '' if it is not."""
+    twin = board.other_pattern()
+    if twin is None:
+        return ''
+    chosen = pictures[:: max(1, len(pictures) // _TWIN_PICTURES)]
+    seen = sum(find_corners(twin, read_picture(path)) is not None for path in chosen)
+    return f'. {seen} of {len(chosen)} pictures show {twin}: use that' if seen else ''
 
 
 def for_each_picture(
@@ -142,7 +154,8 @@ def read_sized(path: Path, size: tuple[int, int]) -> Image:
     return image
 
 
-def _constrains_pose(board: Board, corners: Corners) -> bool:
+def constrains_pose(board: Board, corners: Corners) -> bool:
+    """Return whether the corners are enough, and not collinear, for the pose of the board."""
     if len(corners) < MIN_CORNERS:
         return False
     xy = board.corners_xyz[corners.ids, :2]

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from ivfmc_ros.calibration.boards.board import parse_board
 from ivfmc_ros.calibration.boards.views import find_views
 from ivfmc_ros.errors import CalibrationError
 from ivfmc_ros.errors import FileError
@@ -35,6 +36,17 @@ def test_picture_of_another_size_is_named(board, pictures):
     cv2.imwrite(str(pictures / '3.png'), np.zeros((100, 100), np.uint8))
     with pytest.raises(FileError, match=r'3\.png: the picture is 100 x 100, expected 640 x 512'):
         find_views(board, list_pictures(pictures))
+
+
+@pytest.mark.parametrize(('printed', 'given'), [(':legacy', ''), ('', ':legacy')])
+def test_charuco_board_of_the_other_pattern_is_named(cell, tmp_path, printed, given):
+    text = 'charuco:8x6:14mm:10mm:DICT_4X4_50'
+    board = parse_board(text + printed)
+    pose = pose_matrix(look_at(20, 10, (0.0, 0.0, 0.4), board))
+    cv2.imwrite(str(tmp_path / '1.png'), render_board(cell, board, pose))
+    with pytest.raises(CalibrationError) as error:
+        find_views(parse_board(text + given), list_pictures(tmp_path))
+    assert str(error.value).endswith(f'1 of 1 pictures show {text}{printed}: use that')
 
 
 def test_board_that_is_never_detected_is_named(board, pictures):
