@@ -82,6 +82,27 @@ class Recorder(CellNode):
 
     def __init__(self) -> None:
         super().__init__('recorder')
+        self._declare_parameters()
+        self.check(self._require_scan_folder)
+        self._recording: Recording | None = None
+        # recordings that are being closed, each with its own bag and catalogue
+        self._closing: list[Recording] = []
+        self._recorded = self.publish_on(UInt64, 'recorded')
+        self._waiter = Waiter(self)
+        # streams of which a message was received since they were subscribed
+        self._heard: set[str] = set()
+        self._recorded_topics = {name: self._subscribe(name) for name in self.get('topics')}
+        self.changed(self._change)
+        self.trigger('start', self._start)
+        self.trigger('stop', self._stop)
+        self.subscribe(Header, 'orchestrator/heartbeat', self._receive_heartbeat)
+        self._timers_of_a_recording = [
+            self.steady_timer(_PUBLISH_S, self._publish_progress),
+            self.steady_timer(_POLL_S, self._check_orchestrator),
+        ]
+        self._follow_streams()
+
+    def _declare_parameters(self) -> None:
         self.parameter('scan_id', '', 'Id of the scan, for the catalogue.')
         self.parameter(
             'scan_root', 'scans', 'Folder of all scans; scan_folder is below it.', read_only=True
@@ -127,24 +148,6 @@ class Recorder(CellNode):
             'Life of the orchestrator whose recording begins, as in its heartbeat; empty: the '
             'one that is heard first.',
         )
-        self.check(self._require_scan_folder)
-        self._recording: Recording | None = None
-        # recordings that are being closed, each with its own bag and catalogue
-        self._closing: list[Recording] = []
-        self._recorded = self.publish_on(UInt64, 'recorded')
-        self._waiter = Waiter(self)
-        # streams of which a message was received since they were subscribed
-        self._heard: set[str] = set()
-        self._recorded_topics = {name: self._subscribe(name) for name in self.get('topics')}
-        self.changed(self._change)
-        self.trigger('start', self._start)
-        self.trigger('stop', self._stop)
-        self.subscribe(Header, 'orchestrator/heartbeat', self._receive_heartbeat)
-        self._timers_of_a_recording = [
-            self.steady_timer(_PUBLISH_S, self._publish_progress),
-            self.steady_timer(_POLL_S, self._check_orchestrator),
-        ]
-        self._follow_streams()
 
     def stop(self) -> None:
         """Finish the bag, so that it can be read."""

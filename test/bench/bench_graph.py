@@ -150,7 +150,8 @@ def triangulated(folder: Path, recorded: bool = False) -> list[Trial]:
             running('recorder', scan_root=str(folder)) if recorded else nullcontext(),
             started('source', folder / 'frames.npy', 'turning') as source,
         ):
-            client.until(lambda: client.node.count_subscribers('image_raw') > recorded, 20.0)
+            # the recorder subscribes when it starts
+            client.until(lambda: client.node.count_subscribers('image_raw'), 20.0)
             # discovery, and the subscription's adaptation to its publisher
             client.spin(2.0)
             for number, rate in enumerate(RATES):

@@ -24,6 +24,7 @@ from std_srvs.srv import Trigger
 
 from ivfmc_ros.nodes.framework import environment
 from ivfmc_ros.nodes.framework import qos
+from support.answer_schema import require_valid
 
 DOMAIN = 1 + os.getpid() % 100
 ROOT = Path(__file__).resolve().parents[2]
@@ -149,7 +150,9 @@ class Client:
 
     def trigger(self, name: str, seconds: float = PATIENCE_S) -> tuple[bool, dict[str, Any]]:
         answer = self.call(Trigger, name, Trigger.Request(), seconds)
-        return answer.success, json.loads(answer.message)
+        values = json.loads(answer.message)
+        require_valid(name, answer.success, values)
+        return answer.success, values
 
     def set(self, node: str, **values: Any) -> Any:
         """Set parameters together; a double underscore stands for a dot."""
