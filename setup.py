@@ -93,6 +93,7 @@ setup(
     # Lower bounds are the versions of Ubuntu noble, except for OpenCV (see package.xml).
     install_requires=[
         'click>=8.1',
+        'fast-simplification>=0.2',
         'matplotlib>=3.6',
         'mcap>=1.1',
         'numpy>=1.26',
@@ -126,12 +127,14 @@ setup(
         'test': [
             'build>=1.0',
             'colcon-common-extensions>=0.3',
+            'jsonschema>=4.18',
             'lib3mf>=2.3; platform_machine == "x86_64"',
             'lxml',
             'mcap-ros2-support>=0.5',
             'mypy==2.4.1',
             'networkx',
             'numpy<2.5',
+            'psutil>=5.9',
             'pytest>=8.0',
             'pytest-xdist>=3.6',
             'ruff==0.17.6',
