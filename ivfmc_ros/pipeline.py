@@ -168,10 +168,8 @@ def reconstruct(
         progress('profiles', len(profiles), max(total, len(profiles)))
     settings = replace(settings, acquisition=acquisition.settings)
     run = _Run(settings=settings, watch=watch, counts=acquisition.counts.as_dict())
-    chosen = samples.chosen()
-    clipping = acquisition.clipping([frame for frame, _ in chosen])
-    made = _reconstruct(cell, profiles, chosen, run, progress)
-    return replace(made, clipping=clipping)
+    made = _reconstruct(cell, profiles, samples.chosen(), run, progress)
+    return replace(made, clipping=acquisition.clipping_with_extent())
 
 
 def reconstruct_profiles(

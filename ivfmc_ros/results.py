@@ -19,6 +19,7 @@ from ivfmc_ros.inspection.reports import overview
 from ivfmc_ros.inspection.reports.html import write_html
 from ivfmc_ros.inspection.reports.scan_page import mesh_figures
 from ivfmc_ros.inspection.reports.scan_page import scan_page
+from ivfmc_ros.meshing.geometry.cut_rim import rim_figures
 from ivfmc_ros.meshing.io import export
 from ivfmc_ros.model import Floats
 from ivfmc_ros.pipeline import Reconstruction
@@ -62,7 +63,10 @@ def write_results(
             'parameters': asdict(made.settings),
             'counts': {**made.counts, 'skipped': dict(skipped)},
             'seconds': {**made.seconds, **watch.seconds},
-            'mesh': mesh_figures(made.mesh),
+            'mesh': {
+                **mesh_figures(made.mesh),
+                'cut_rim': rim_figures(made.mesh, made.settings.acquisition.volume),
+            },
             'residuals': json_report.residuals(cell, made.views, made.verdicts),
         }
         if made.table is not None:

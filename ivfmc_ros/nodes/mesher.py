@@ -19,6 +19,7 @@ from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh as MeshMessage
 from visualization_msgs.msg import Marker
 
+from ivfmc_ros.cell.volume import Volume
 from ivfmc_ros.errors import NotReadyError
 from ivfmc_ros.files import folder_below
 from ivfmc_ros.meshing.io.export import FORMATS
@@ -95,6 +96,15 @@ class Mesher(CellNode):
             low=100,
             high=1_000_000,
         )
+        for limit in ('radius', 'top'):
+            self.parameter(
+                f'working_{limit}',
+                0.0,
+                f'Meters, {limit} of the working volume, by which the mesher tells the rim that '
+                'the volume cut (set by the orchestrator); 0: unknown.',
+                low=0.0,
+                high=10.0,
+            )
         self.check(_require_formats)
         self.check(self._require_scan_folder)
         return self.settings(Settings(), only=('mesh.', 'export_unit'))
@@ -160,6 +170,7 @@ class Mesher(CellNode):
                 self._folder(),
                 self.get('formats'),
                 self.get('display_triangles'),
+                self._volume(),
             )
         stamp = nanoseconds(message.header.stamp)
         self._marker.publish(meshes.marker(made.vertices_xyz, made.faces, stamp))
@@ -173,6 +184,11 @@ class Mesher(CellNode):
             'surface': made.surface,
             'seconds': made.seconds,
         }
+
+    def _volume(self) -> Volume | None:
+        """Return the working volume of the scan; None if it is unknown."""
+        radius, top = self.get('working_radius'), self.get('working_top')
+        return Volume(radius=radius, top=top) if radius and top else None
 
     async def _wait_for_views(self, claim: Claim) -> tuple[list[View], PoseArray]:
         """

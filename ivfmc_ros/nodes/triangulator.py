@@ -31,13 +31,14 @@ from ivfmc_ros.nodes.convert.stamps import nanoseconds
 from ivfmc_ros.nodes.framework.adaptive_subscription import AdaptiveSubscription
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.base import run
-from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.nodes.framework.life import HEARTBEAT_S
 from ivfmc_ros.nodes.processing.cell_source import CellSource
 from ivfmc_ros.nodes.processing.image_input import ImageInput
+from ivfmc_ros.nodes.processing.stamp_conditions import StampConditions
 from ivfmc_ros.nodes.processing.stripe_image import StripeImagePublisher
 from ivfmc_ros.nodes.processing.triangulator_parameters import declare
 from ivfmc_ros.nodes.processing.triangulator_parameters import match_settings
+from ivfmc_ros.nodes.processing.volume_check import VolumeCheck
 from ivfmc_ros.storage.matching.frame_matching import FrameMatch
 from ivfmc_ros.storage.matching.frame_matching import FrameMatcher
 from ivfmc_ros.storage.matching.image_loss import ImageLoss
@@ -58,20 +59,12 @@ _BUDGET_S = 0.04
 # image after which those received so far do; in step motion the orchestrator may be waiting for a
 # profile before it moves the table on.
 _SAMPLE_WAIT_S = {'continuous': 5.0, 'step': 1.0}
-# Seconds by which stamps of images and joint states may differ: more than any delay of one clock.
-_MAX_CLOCK_OFFSET_S = 2.0
-# Seconds after a jump of the stamps until it is no condition any more.
-_JUMP_CONDITION_S = 5.0
 # Seconds with all lasers off after which no images are received: none of them could be used.
 _REST_AFTER_S = 10.0
 # Value of a laser in laser_states from which it is on.
 _ON = 0.5
 # Joint name while there is no cell.yaml.
 _DEFAULT_JOINT = 'turntable_joint'
-# Kinds of conditions.
-_JUMP = 'stamps jumped back'
-_CLOCKS = 'clocks differ'
-_CLIPPED = 'part cut'
 # Prefixes of the parameters that change how an image is processed.
 _ACQUISITION = ('extract.', 'volume.', 'noise_')
 
@@ -95,9 +88,8 @@ class Triangulator(CellNode):
         self._seq = 0
         self._last_profile_s = self._beat_s = self.steady_s()
         self._working = False
-        self._clock_offset_s = 0.0
-        # when the stamps of a topic last jumped back, steady clock
-        self._jumps_s: dict[str, float] = {}
+        self._stamps = StampConditions(self)
+        self._volume = VolumeCheck(self)
         # joints and lasers of messages that have none of ours
         self._other_joints = self._other_lasers = ''
         self.changed(self._change)
@@ -164,7 +156,7 @@ class Triangulator(CellNode):
         self._counts['pictures'] += 1
         stamp_ns = nanoseconds(message.header.stamp)
         self._loss.add_image(stamp_ns)
-        self._clock_offset_s = self._matcher.ahead_of_table_s(stamp_ns)
+        self._stamps.clock_offset_s = self._matcher.ahead_of_table_s(stamp_ns)
         self._matcher.add_image(stamp_ns, message, self.steady_s())
         # after an image, so that no camera_info is without one
         self._source.infos.resume()
@@ -207,9 +199,7 @@ class Triangulator(CellNode):
 
     def _report_jump(self, topic: str) -> None:
         self._counts['jumps'] += 1
-        self._jumps_s[topic] = self.steady_s()
-        text = 'stamps jumped back; the states received before are discarded'
-        self.health.set(_JUMP, topic, Level.WARN, text, 'stamps increase again')
+        self._stamps.report_jump(topic)
 
     def _wake(self) -> None:
         """Receive images: a laser is on, or will be."""
@@ -362,18 +352,10 @@ class Triangulator(CellNode):
 
     def before_diagnosis(self) -> None:
         """Publish how many images became profiles, and why the others did not."""
-        self._compare_clocks()
+        self._stamps.update(self._images.topic, self._joints.topic)
         if self._source.complete:
             self._rest()
-        clipping = self._stream.acquisition.clipping() if self._stream else None
-        if clipping is None:
-            self.health.clear(_CLIPPED, 'volume')
-        else:
-            self.health.set(_CLIPPED, 'volume', Level.WARN, clipping.advice)
-        for topic, jumped_s in list(self._jumps_s.items()):
-            if self.steady_s() - jumped_s > _JUMP_CONDITION_S:
-                del self._jumps_s[topic]
-                self.health.clear(_JUMP, topic)
+        self._volume.update(self._stream.acquisition if self._stream else None)
         counts = ', '.join(f'{count} {name}' for name, count in self._counts.items() if count)
         self.status(
             '',
@@ -382,19 +364,7 @@ class Triangulator(CellNode):
             scan_id=self.get('scan_id'),
             images_not_received=self._loss.not_received,
             images_not_taken=self._loss.not_taken,
-        )
-
-    def _compare_clocks(self) -> None:
-        offset, topic = self._clock_offset_s, self._images.topic
-        if abs(offset) <= _MAX_CLOCK_OFFSET_S:
-            self.health.clear(_CLOCKS, topic)
-            return
-        text = (
-            f'stamps are {abs(offset):.1f} s {"ahead of" if offset > 0.0 else "behind"} those of '
-            f'{self._joints.topic}; synchronize the clocks of the two publishers'
-        )
-        self.health.set(
-            _CLOCKS, topic, Level.WARN, text, f'clock agrees with {self._joints.topic}'
+            part_cut=self._volume.advice,
         )
 
 

@@ -34,6 +34,9 @@ from ivfmc_ros.stripe.estimators import DEFAULT
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
 from ivfmc_ros.stripe.extract import Stripe
+from ivfmc_ros.stripe.extract import widths_and_glare
+from ivfmc_ros.stripe.glare import expected_width
+from ivfmc_ros.stripe.glare import is_glaring
 from ivfmc_ros.stripe.roi import RegionOfInterest
 from ivfmc_ros.stripe.roi import stripe_mask
 from ivfmc_ros.stripe.space_time import space_time_profile
@@ -43,6 +46,9 @@ from ivfmc_ros.validation import require_in_range
 
 # A stripe narrower than this fraction of the scan's median width may have been cut by an edge.
 _MIN_WIDTH_FRACTION = 0.5
+
+# Frames that are kept to find the volume that would hold the part, at most.
+_MAX_CUT_FRAMES = 24
 
 # A scan whose median sigma is above this fraction of the stripe's width shows a translucent
 # material. Measured medians: 0.04 on metal, 0.1 in heavy speckle, 0.5 on wax.
@@ -113,20 +119,26 @@ class Acquisition:
         self._initial_settings = settings
         self.settings = settings
         self.counts = AcquisitionCounts()
+        self._forget_cuts()
 
     def for_new_scan(self) -> 'Acquisition':
         """Return a copy for another scan in this cell; the regions of interest are kept."""
         other = copy.copy(self)
         other.settings = self._initial_settings
         other.counts = AcquisitionCounts()
+        other._forget_cuts()
         return other
+
+    def _forget_cuts(self) -> None:
+        self._cut_frames: list[Frame] = []
+        self._cut_count, self._cut_stride = 0, 1
 
     def resolve_auto_settings(self, frames: Iterable[Frame]) -> None:
         """
         Resolve the settings that are ``auto`` or None from sample images of the scan.
 
-        These are the color channel, the estimator (translucent material or not) and the least
-        width of the stripe.
+        These are the color channel, the estimator (translucent material or not), whether there
+        are inter-reflections, and the expected and the least width of the stripe.
 
         :raises ParameterError: the images look like fewer bits than their pixels have
         """
@@ -139,17 +151,42 @@ class Acquisition:
         if extraction.method == 'auto':
             translucent = self._is_translucent(frames, extraction)
             extraction = replace(extraction, method='top_of_peak' if translucent else DEFAULT)
+        extraction = self._with_glare(frames, extraction)
         if extraction.least_width is None:
             extraction = replace(extraction, least_width=self._least_width(frames, extraction))
         self.settings = replace(self.settings, extract=extraction)
 
     def _is_translucent(self, frames: Sequence[Frame], settings: ExtractSettings) -> bool:
         """Tell whether the median uncertainty of the position shows a translucent material."""
-        lenient = replace(settings, method=DEFAULT, max_uncertainty=50.0, max_error=50.0)
+        lenient = replace(
+            settings, method=DEFAULT, max_uncertainty=50.0, max_error=50.0, glare='off'
+        )
         found = [self._extract(frame, lenient) for frame in frames]
         parts = [np.zeros(0), *(stripe.sigma / stripe.width for stripe in found)]
         relative_sigma = np.concatenate(parts)
         return bool(len(relative_sigma) and np.median(relative_sigma) > _TRANSLUCENT_SIGMA)
+
+    def _with_glare(self, frames: Sequence[Frame], settings: ExtractSettings) -> ExtractSettings:
+        """Return the settings with ``glare`` on or off, and the expected width."""
+        if settings.glare == 'off' or settings.method != DEFAULT:
+            return replace(settings, glare='off')
+        found = [
+            widths_and_glare(
+                subtract_ambient(frame),
+                self.cell.lasers[frame.laser].stripe,
+                settings,
+                self._regions[frame.laser],
+            )
+            for frame in frames
+        ]
+        if not found:
+            return settings
+        widths, glare = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+        width = settings.expected_width or expected_width(widths)
+        if width is None:
+            return settings
+        chosen = 'on' if settings.glare == 'on' or is_glaring(glare) else 'off'
+        return replace(settings, glare=chosen, expected_width=width)
 
     def _least_width(self, frames: Sequence[Frame], settings: ExtractSettings) -> float | None:
         widths = np.concatenate(
@@ -199,6 +236,8 @@ class Acquisition:
         self.counts.pictures += 1
         self.counts.cut_radius += by_radius
         self.counts.cut_top += by_top
+        if by_radius or by_top:
+            self._keep_cut_frame(frame)
         self.counts.pictures_without_stripe += not clean.any()
         self.counts.stripe_points += len(stripe)
         self.counts.unconfirmed += len(stripe) - len(triangulated)
@@ -207,16 +246,31 @@ class Acquisition:
         profile = denoise.select_points(triangulated, inside[clean])
         return profile if texture is None else with_colors(profile, texture)
 
-    def clipping(self, frames: Sequence[Frame] = ()) -> Clipping | None:
-        """
-        Return how the working volume cuts the part; None if it does not.
+    def _keep_cut_frame(self, frame: Frame) -> None:
+        """Keep a few frames, spread over all that are cut."""
+        if self._cut_count % self._cut_stride == 0:
+            self._cut_frames = [*self._cut_frames, frame]
+        self._cut_count += 1
+        if len(self._cut_frames) > _MAX_CUT_FRAMES:
+            self._cut_frames, self._cut_stride = self._cut_frames[::2], 2 * self._cut_stride
 
-        frames : some images of the scan, from which the volume that holds the part is found
+    def clipping(self) -> Clipping | None:
+        """Return how the working volume cuts the part; None if it does not."""
+        counts = self.counts
+        return judge_clipping(
+            counts.pictures, counts.cut_radius, counts.cut_top, self.settings.volume
+        )
+
+    def clipping_with_extent(self) -> Clipping | None:
         """
+        Return the same with the volume that would hold the part, which takes a second.
+
+        It is found in some of the images that are cut.
+        """
+        found, frames = self.clipping(), self._cut_frames
+        if found is None:
+            return None
         counts, volume = self.counts, self.settings.volume
-        found = judge_clipping(counts.pictures, counts.cut_radius, counts.cut_top, volume)
-        if found is None or not frames:
-            return found
         larger = replace(volume, radius=2.0 * volume.radius, top=2.0 * abs(volume.top))
         wide = Acquisition(self.cell, replace(self.settings, volume=larger, space_time=0))
         limit = self.settings.noise_distance

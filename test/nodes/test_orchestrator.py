@@ -308,6 +308,33 @@ def test_cancel_ends_the_jobs_of_the_nodes(client, fake, orchestrator):
     assert fake.called[-2:] == ['registrar/cancel', 'recorder/stop']
 
 
+def test_part_that_the_working_volume_cuts_is_said(client, fake, orchestrator):
+    advice = 'the surface goes on beyond the radius of the working volume; set radius to 0.072 m'
+
+    def cut():
+        scan_id = fake.parameter('registrar', 'scan_id')
+        fake.cut_part(advice, scan_id)
+        # of another cell
+        fake.cut_part('another', scan_id, 'other/triangulator')
+
+    fake.on_call['recorder/start'] = cut
+    success, answer = client.trigger('scan')
+    assert success, answer
+    assert answer['detail'] == advice
+    assert answer['completeness']['part_cut'] == advice
+    # the next scan has another part
+    fake.on_call.clear()
+    success, answer = client.trigger('scan')
+    assert success
+    assert answer['completeness']['part_cut'] == ''
+
+
+def test_mesher_gets_the_working_volume(client, fake, orchestrator):
+    assert client.trigger('scan')[0]
+    assert fake.parameter('mesher', 'working_radius') == 0.055
+    assert fake.parameter('mesher', 'working_top') == 0.09
+
+
 def test_registrar_gets_the_number_of_profiles(client, fake, orchestrator):
     assert client.trigger('scan')[0]
     assert fake.parameter('registrar', 'expected') == 6

@@ -25,7 +25,7 @@ def clipping(**volume):
     acquisition = Acquisition(small_cell(), AcquisitionSettings(volume=Volume(**volume)))
     for frame in FRAMES:
         acquisition.profile(frame)
-    return acquisition.clipping(FRAMES[::2])
+    return acquisition.clipping_with_extent()
 
 
 def test_part_that_fits_is_not_said_to_be_cut():
@@ -49,6 +49,16 @@ def test_part_that_is_cut_at_the_top_is_said_with_the_top_that_holds_it():
     assert found.top == pytest.approx(TOP, abs=0.003)
     assert 'set top to at least' in found.advice
     assert clipping(top=found.top) is None
+
+
+def test_few_images_are_kept_of_all_that_are_cut_and_none_of_the_scan_before():
+    acquisition = Acquisition(small_cell(), AcquisitionSettings(volume=Volume(radius=0.025)))
+    for frame in FRAMES * 3:
+        acquisition.profile(frame)
+    assert acquisition.counts.cut_radius > 40
+    assert acquisition.clipping_with_extent().radius == pytest.approx(RADIUS, abs=0.003)
+    assert len(acquisition._cut_frames) <= 24
+    assert acquisition.for_new_scan().clipping_with_extent() is None
 
 
 def test_platter_beyond_the_volume_is_not_a_part_that_is_cut():

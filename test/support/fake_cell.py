@@ -128,6 +128,10 @@ class FakeCell:
         node.declare_parameter('export_unit', '')
         node.declare_parameter('view', [-1, -1])
         node.declare_parameter('expected', 0)
+        node.declare_parameter('working_radius', 0.0)
+        node.declare_parameter('working_top', 0.0)
+        node.declare_parameter('volume.radius', 0.055)
+        node.declare_parameter('volume.top', 0.09)
         # a hanging service must not delay the others
         group = ReentrantCallbackGroup()
         for service in ('reset', 'register', 'build', 'start', 'stop', 'cancel'):
@@ -179,6 +183,13 @@ class FakeCell:
         """Publish the diagnostics of a turntable node."""
         status = DiagnosticStatus(level=bytes([2 if code else 0]), name=name, message=text)
         status.values = [KeyValue(key='code', value=code)]
+        self.diagnostics.publish(DiagnosticArray(status=[status]))
+
+    def cut_part(self, advice, scan_id, name='ivfmc/triangulator'):
+        """Publish the diagnostics of a triangulator whose volume cuts the part of a scan."""
+        values = {'scan_id': scan_id, 'part_cut': advice}
+        status = DiagnosticStatus(level=bytes([1]), name=name, message=advice)
+        status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
         self.diagnostics.publish(DiagnosticArray(status=[status]))
 
     def _publish_joints(self):

@@ -13,14 +13,17 @@ from typing import Any
 
 from ivfmc_ros import pipeline
 from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.cell.volume import Volume
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import NoStripeError
 from ivfmc_ros.files import make_folder
 from ivfmc_ros.inspection.reports.scan_page import mesh_figures
 from ivfmc_ros.meshing.filters.vertex_clustering import cluster_vertices
+from ivfmc_ros.meshing.geometry.cut_rim import rim_figures
 from ivfmc_ros.meshing.io import export
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
+from ivfmc_ros.model import Mesh
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import Profile
 from ivfmc_ros.model import View
@@ -156,12 +159,14 @@ def build(
     folder: str,
     suffixes: Sequence[str],
     triangles: int,
+    volume: Volume | None = None,
 ) -> BuiltMesh:
     """
     Build the mesh of registered views, and write its files into ``folder`` unless that is ''.
 
     suffixes : of the files, such as stl
     triangles : maximum number for display
+    volume : working volume of the triangulator; None if unknown
     :raises GeometryError: the points determine no surface
     :raises FileError: a file exists already, or cannot be written
     """
@@ -189,7 +194,11 @@ def build(
             'faces': len(mesh.faces),
             'shown_faces': len(faces),
         },
-        surface=mesh_figures(mesh),
+        surface=mesh_figures(mesh) if volume is None else _cut_figures(mesh, volume),
         paths={suffix: str(path) for suffix, path in paths.items()},
         seconds=watch.seconds,
     )
+
+
+def _cut_figures(mesh: Mesh, volume: Volume) -> dict[str, Any]:
+    return {**mesh_figures(mesh), 'cut_rim': rim_figures(mesh, volume)}

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The fault of the motion controller, as the diagnostics of the node ``turntable`` have it."""
+"""What the diagnostics of other nodes say: the controller's fault, a part that is cut."""
 
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -12,7 +12,7 @@ from ivfmc_ros.nodes.framework.base import CellNode
 
 class ControllerWatch:
     """
-    Reads the diagnostics of ``turntable`` in the namespace of a node.
+    Reads the diagnostics of ``turntable`` and ``triangulator`` in the namespace of a node.
 
     code : CONTROLLER_ALARM, CONTROLLER_LOST or POSITION_LOST; '' without a fault, or where another
         driver moves the table
@@ -21,7 +21,10 @@ class ControllerWatch:
 
     def __init__(self, node: CellNode) -> None:
         self.code, self.message = '', ''
+        # how the working volume cuts the part, by the id of the scan
+        self._cuts: dict[str, str] = {}
         self._name = f'{node.get_namespace()}/turntable'.lstrip('/')
+        self._triangulator = f'{node.get_namespace()}/triangulator'.lstrip('/')
         self._subscription = node.create_subscription(
             DiagnosticArray,
             '/diagnostics',
@@ -34,6 +37,10 @@ class ControllerWatch:
         if self.code:
             raise HelperError(self.code, f'turntable: {self.message}')
 
+    def part_cut(self, scan_id: str) -> str:
+        """Return how the working volume cuts the part of a scan; '' if it does not."""
+        return self._cuts.get(scan_id, '')
+
     def _receive(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == self._name:
@@ -41,3 +48,7 @@ class ControllerWatch:
                 self.code = values.get('code', '')
                 is_ok = status.level == DiagnosticStatus.OK
                 self.message = '' if is_ok and not self.code else status.message
+            if status.name == self._triangulator:
+                values = {value.key: value.value for value in status.values}
+                # of the last scan only
+                self._cuts = {values.get('scan_id', ''): values.get('part_cut', '')}

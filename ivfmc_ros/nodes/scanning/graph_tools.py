@@ -84,7 +84,9 @@ class GraphTools:
         self._link = link
         self._machine = machine
         self._services = services
-        self._checks = ScanChecks(link, context.plan, context.motion, context.limits)
+        self._checks = ScanChecks(
+            link, context.plan, context.motion, context.limits, context.scan_id
+        )
         # discovery starts with the first call
         for path in ('turntable/stop', 'registrar/cancel', 'mesher/cancel'):
             services.has(path)
@@ -115,7 +117,7 @@ class GraphTools:
         await self._services.trigger('registrar/reset', _RESPONSE_S, self._guard)
         scan = {'scan_folder': str(context.folder), 'scan_id': context.scan_id}
         files = {'formats': context.request.formats, 'export_unit': context.request.export_unit}
-        await self._services.set('mesher', {**scan, **files})
+        await self._services.set('mesher', {**scan, **files, **await self._working_volume()})
         owner = self._node.life.id
         await self._services.set('recorder', {**scan, 'pictures': True, 'owner': owner})
         # messages of the previous scan that were still in the queues
@@ -125,6 +127,14 @@ class GraphTools:
         await self._require_steps()
         if context.home:
             await self._services.trigger('turntable/home', _HOMING_S, self._guard)
+
+    async def _working_volume(self) -> dict[str, float]:
+        """Return the limits by which the mesher tells a rim that the volume cut."""
+        limits = {}
+        for name in ('radius', 'top'):
+            value = await self._services.get('triangulator', f'volume.{name}')
+            limits[f'working_{name}'] = max(0.0, float(value or 0.0))
+        return limits
 
     async def _require_steps(self) -> None:
         """:raises ParameterError: the triangulator takes two stops for one position."""

@@ -19,9 +19,15 @@ class ScanChecks:
     """Completeness of one scan, by the headers of its profiles."""
 
     def __init__(
-        self, link: CellLink, plan: Plan, motion: MotionLimits, limits: CompletenessLimits
+        self,
+        link: CellLink,
+        plan: Plan,
+        motion: MotionLimits,
+        limits: CompletenessLimits,
+        scan_id: str,
     ) -> None:
         self._link = link
+        self._scan_id = scan_id
         self._completeness = Completeness(plan, motion, limits)
 
     def begin(self, sweep: Sweep) -> None:
@@ -37,10 +43,14 @@ class ScanChecks:
         headers = self._link.headers
         registered = outcome.registration.get('views', ())
         views = self._completeness.coverage(headers, registered)
+        cut = self._link.controller.part_cut(self._scan_id)
         outcome.completeness = {
+            'part_cut': cut,
             'views': [view.as_dict() for view in views],
             'images': self._completeness.lost_images(headers, self._link.info_stamps_ns),
         }
+        if cut:
+            outcome.mark('OK', cut)
         incomplete = [view.why for view in views if view.why]
         if incomplete:
             outcome.mark(_INCOMPLETE, '; '.join(incomplete))

@@ -1,0 +1,54 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Conditions of a node by the stamps of its inputs: clocks that differ, stamps that jump back."""
+
+from ivfmc_ros.nodes.framework.base import CellNode
+from ivfmc_ros.nodes.framework.health import Level
+
+# Seconds by which stamps of images and joint states may differ: more than any delay of one clock.
+_MAX_CLOCK_OFFSET_S = 2.0
+# Seconds after a jump of the stamps until it is no condition any more.
+_JUMP_CONDITION_S = 5.0
+# Kinds of conditions.
+_JUMP = 'stamps jumped back'
+_CLOCKS = 'clocks differ'
+
+
+class StampConditions:
+    """
+    Sets and clears the conditions.
+
+    clock_offset_s : seconds by which the stamps of the images are ahead of those of the table
+    """
+
+    def __init__(self, node: CellNode) -> None:
+        self.clock_offset_s = 0.0
+        self._node = node
+        # when the stamps of a topic last jumped back, steady clock
+        self._jumps_s: dict[str, float] = {}
+
+    def report_jump(self, topic: str) -> None:
+        """Note that the stamps of a topic jumped back."""
+        self._jumps_s[topic] = self._node.steady_s()
+        text = 'stamps jumped back; the states received before are discarded'
+        self._node.health.set(_JUMP, topic, Level.WARN, text, 'stamps increase again')
+
+    def update(self, images: str, joints: str) -> None:
+        """
+        Compare the clocks, and end the conditions that are over.
+
+        images, joints : names of the topics
+        """
+        for topic, jumped_s in list(self._jumps_s.items()):
+            if self._node.steady_s() - jumped_s > _JUMP_CONDITION_S:
+                del self._jumps_s[topic]
+                self._node.health.clear(_JUMP, topic)
+        offset, health = self.clock_offset_s, self._node.health
+        if abs(offset) <= _MAX_CLOCK_OFFSET_S:
+            health.clear(_CLOCKS, images)
+            return
+        text = (
+            f'stamps are {abs(offset):.1f} s {"ahead of" if offset > 0.0 else "behind"} those of '
+            f'{joints}; synchronize the clocks of the two publishers'
+        )
+        health.set(_CLOCKS, images, Level.WARN, text, f'clock agrees with {joints}')
