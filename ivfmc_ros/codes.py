@@ -123,6 +123,11 @@ CODES = {
         'The motion controller is locked; `detail` names its alarm.',
         'Call `turntable/home` or `turntable/clear_alarm`.',
     ),
+    'JOINT_CONTRADICTORY': Code(
+        'Positions of the table contradict each other or are faster than any table; as a rule two '
+        'nodes publish its joint. `detail` names the publishers.',
+        'Stop or rename the joint of one of them, then start the scan again.',
+    ),
     'POSITION_LOST': Code(
         'The motion controller restarted, or the table is not where its motion should have taken '
         'it.',

@@ -353,6 +353,7 @@ class Triangulator(CellNode):
     def before_diagnosis(self) -> None:
         """Publish how many images became profiles, and why the others did not."""
         self._stamps.update(self._images.topic, self._joints.topic)
+        self._stamps.judge_table(self._matcher.table_fault, self._joints.topic)
         if self._source.complete:
             self._rest()
         self._volume.update(self._stream.acquisition if self._stream else None)
@@ -365,6 +366,7 @@ class Triangulator(CellNode):
             images_not_received=self._loss.not_received,
             images_not_taken=self._loss.not_taken,
             part_cut=self._volume.advice,
+            table_fault=self._stamps.table_fault,
         )
 
 

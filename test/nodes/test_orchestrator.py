@@ -313,9 +313,9 @@ def test_part_that_the_working_volume_cuts_is_said(client, fake, orchestrator):
 
     def cut():
         scan_id = fake.parameter('registrar', 'scan_id')
-        fake.cut_part(advice, scan_id)
+        fake.say_of_triangulator(scan_id=scan_id, part_cut=advice)
         # of another cell
-        fake.cut_part('another', scan_id, 'other/triangulator')
+        fake.say_of_triangulator('other/triangulator', scan_id=scan_id, part_cut='another')
 
     fake.on_call['recorder/start'] = cut
     success, answer = client.trigger('scan')

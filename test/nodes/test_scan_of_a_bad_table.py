@@ -6,6 +6,7 @@ import json
 import time
 
 import pytest
+from std_srvs.srv import Trigger
 from support.fake_cell import FakeCell
 from support.graph_rig import following_client
 from support.graph_rig import running
@@ -81,6 +82,55 @@ def test_fault_of_the_controller_ends_the_scan_under_its_code(client, fake, code
     assert answer['code'] == code
     assert 'its cause' in answer['detail']
     assert seconds < 2.0
+
+
+def test_positions_that_contradict_each_other_end_the_scan_with_their_publishers(client, fake):
+    start_sweep(client, fake)
+    fault = 'joint_states: table positions contradict each other; it is published by /a and /b'
+    fake.say_of_triangulator('other/triangulator', table_fault='of another cell')
+    client.spin(0.2)
+    fake.say_of_triangulator(table_fault=fault)
+    answer, seconds = result(client)
+    assert answer['code'] == 'JOINT_CONTRADICTORY'
+    assert fault in answer['detail']
+    assert seconds < 2.0
+    fake.say_of_triangulator(table_fault='')
+    client.spin(0.2)
+
+
+def test_scan_homes_a_table_that_is_locked(client, fake):
+    def home(_, response):
+        fake.fault_of_controller('', 'connected')
+        response.success, response.message = True, '{"code": "OK"}'
+        return response
+
+    service = fake.node.create_service(Trigger, 'turntable/home', home)
+    fake.fault_of_controller('CONTROLLER_ALARM', 'motion controller: LOCKED')
+    client.spin(0.2)
+    assert client.set('orchestrator', **SLOW, home=True).successful
+    assert client.trigger('start_scan')[0]
+    client.until(lambda: fake.seq > 10, 30.0, 'no profiles')
+    # from then on an alarm is a fault
+    fake.fault_of_controller('CONTROLLER_ALARM', 'motion controller: limit switch')
+    answer, seconds = result(client)
+    assert (answer['code'], seconds < 2.0) == ('CONTROLLER_ALARM', True)
+    client.set('orchestrator', home=False)
+    fake.node.destroy_service(service)
+
+
+def test_node_that_hangs_in_a_parameter_call_is_lost_by_its_heartbeat(client, fake):
+    def hang():
+        fake.without_heartbeat.add('mesher')
+        client.executor.remove_node(fake.nodes['mesher'])
+
+    fake.on_call['registrar/reset'] = hang
+    assert client.set('orchestrator', **SLOW).successful
+    assert client.trigger('start_scan')[0]
+    answer, seconds = result(client)
+    assert answer['code'] == 'MESHER_LOST'
+    # not the time-out of the call
+    assert 'no heartbeat' in answer['detail']
+    assert seconds < 4.0
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
+from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import JointState
 from sensor_msgs.msg import PointCloud2
 from support.cell_inputs import START
 from support.cell_inputs import STEP
@@ -11,6 +13,7 @@ from support.graph_rig import running
 
 from ivfmc_ros.cell.cell_file import save_cell
 from ivfmc_ros.nodes.convert import clouds
+from ivfmc_ros.nodes.convert.stamps import header
 
 
 def feed(inputs, frames, first=0, found=None):
@@ -163,6 +166,27 @@ def test_foreign_joint_states_beside_ours_are_no_condition(client, inputs, cell_
     # at most that they were not received yet, and that they were
     assert len(lines) <= 2
     assert not any('WARN' in line or 'ERROR' in line for line in lines)
+
+
+def test_two_publishers_of_the_joint_are_named(client, inputs, cell_file):
+    other = Node('state_publisher', namespace='/robot', context=client.context)
+    joints = other.create_publisher(JointState, '/ivfmc/joint_states', 10)
+    try:
+        with running('triangulator', cell=str(cell_file)) as node:
+            inputs.wait()
+            for number in range(60):
+                inputs.table(0.05 * number, START + number * STEP // 4)
+                stamp = header(START + number * STEP // 4 + STEP // 8, '')
+                # the part of a robot model that nobody moves
+                joints.publish(JointState(header=stamp, name=['turntable_joint'], position=[0.0]))
+                client.spin(0.02)
+            client.until(lambda: 'contradict each other' in client.diagnostic('triangulator'))
+            text = client.diagnostic('triangulator')
+            assert '/robot/state_publisher' in text
+            assert '/ivfmc/client' in text
+        assert sum('contradict' in line for line in node.output.splitlines()) == 1
+    finally:
+        other.destroy_node()
 
 
 def test_joint_without_a_position_is_reported_until_it_is_homed(client, inputs, cell_file, frames):

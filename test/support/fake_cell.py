@@ -185,10 +185,9 @@ class FakeCell:
         status.values = [KeyValue(key='code', value=code)]
         self.diagnostics.publish(DiagnosticArray(status=[status]))
 
-    def cut_part(self, advice, scan_id, name='ivfmc/triangulator'):
-        """Publish the diagnostics of a triangulator whose volume cuts the part of a scan."""
-        values = {'scan_id': scan_id, 'part_cut': advice}
-        status = DiagnosticStatus(level=bytes([1]), name=name, message=advice)
+    def say_of_triangulator(self, name='ivfmc/triangulator', **values):
+        """Publish values in the diagnostics of a triangulator."""
+        status = DiagnosticStatus(level=bytes([1]), name=name)
         status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
         self.diagnostics.publish(DiagnosticArray(status=[status]))
 

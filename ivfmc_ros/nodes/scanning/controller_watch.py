@@ -23,6 +23,7 @@ class ControllerWatch:
         self.code, self.message = '', ''
         # how the working volume cuts the part, by the id of the scan
         self._cuts: dict[str, str] = {}
+        self._table_fault = ''
         self._name = f'{node.get_namespace()}/turntable'.lstrip('/')
         self._triangulator = f'{node.get_namespace()}/triangulator'.lstrip('/')
         self._subscription = node.create_subscription(
@@ -33,9 +34,11 @@ class ControllerWatch:
         )
 
     def require_ready(self) -> None:
-        """:raises HelperError: the controller has a fault, with its code."""
+        """:raises HelperError: the controller has a fault, or the joint has two publishers."""
         if self.code:
             raise HelperError(self.code, f'turntable: {self.message}')
+        if self._table_fault:
+            raise HelperError('JOINT_CONTRADICTORY', self._table_fault)
 
     def part_cut(self, scan_id: str) -> str:
         """Return how the working volume cuts the part of a scan; '' if it does not."""
@@ -51,4 +54,5 @@ class ControllerWatch:
             if status.name == self._triangulator:
                 values = {value.key: value.value for value in status.values}
                 # of the last scan only
+                self._table_fault = values.get('table_fault', '')
                 self._cuts = {values.get('scan_id', ''): values.get('part_cut', '')}

@@ -183,6 +183,12 @@ class FrameMatcher:
         self._measured_angles: dict[int, float] = {}
         self._dark: DarkFrame | None = None
 
+    @property
+    def table_fault(self) -> str:
+        """Why the newest table positions cannot be right; '' if they can."""
+        stamps = self._joint_history.stamps_ns
+        return self._joint_history.fault_at(stamps[-1]) if stamps else ''
+
     def add_table_position(
         self, stamp_ns: int, position: float, velocity: float | None = None, now_s: float = 0.0
     ) -> bool:
