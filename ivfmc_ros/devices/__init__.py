@@ -3,9 +3,10 @@
 """
 Drivers of hardware behind small protocols.
 
-``controller`` is the protocol of a motion controller (table and lasers), ``grbl`` implements it
-for GRBL 1.1; ``cameras`` holds the protocol of a camera and its drivers; ``turntable`` joins a
-controller with the laser interlock of ``beam``.
+``controller`` is the protocol of a motion controller (table and lasers), which ``grbl``,
+``marlin`` and ``fabscan`` implement and ``any_controller`` chooses from; ``cameras`` holds the
+protocol of a camera and its drivers; ``turntable`` joins a controller with the laser interlock of
+``beam`` and the ``guard`` process.
 """
 
 from ivfmc_ros.devices.beam import BeamInterlock as BeamInterlock

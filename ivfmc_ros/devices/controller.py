@@ -7,14 +7,23 @@ Each family of controllers has a sub-package of its own (``devices/grbl``) with 
 implements ``MotionController``. ``TurntableDriver`` and the node know the protocol only.
 """
 
+from collections.abc import Collection
 from collections.abc import Mapping
 from dataclasses import dataclass
+import math
 from typing import Protocol
+
+import serial
+
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.validation import require_in_range
 
 # Values of ControllerState.alarm that every family uses; others are the family's own.
 CONTROLLER_LOST = 'CONTROLLER_LOST'  # not connected, or the connection was lost
 CONNECTING = 'CONNECTING'  # the port is open, the controller has not started yet
 POSITION_LOST = 'POSITION_LOST'  # the controller restarted, or stopped short of its target
+
+NOT_CONNECTED = 'the controller is not connected; call clear_alarm to connect again'
 
 
 def fault_code(alarm: str | None) -> str:
@@ -22,6 +31,29 @@ def fault_code(alarm: str | None) -> str:
     if alarm is None or alarm == CONNECTING:
         return ''
     return alarm if alarm in (CONTROLLER_LOST, POSITION_LOST) else 'CONTROLLER_ALARM'
+
+
+def require_motion(position: float, velocity: float, acceleration: float) -> None:
+    """
+    Refuse a move that is no number, or has no speed.
+
+    :raises ParameterError: a number is not finite, or not positive
+    """
+    if not math.isfinite(position):
+        raise ParameterError(f'position: {position} must be finite')
+    for name, value in (('velocity', velocity), ('acceleration', acceleration)):
+        require_in_range(name, value, 0.0, math.inf, open_low=True, open_high=True)
+
+
+def require_laser(name: str | None, lasers: Collection[str]) -> None:
+    """
+    Refuse a laser that there is not; None is none of them.
+
+    :raises ParameterError: there is no such laser
+    """
+    if name is not None and name not in lasers:
+        known = ', '.join(lasers) or 'none'
+        raise ParameterError(f'laser: there is no {name!r}; the lasers are: {known}')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +70,8 @@ class ControllerState:
     lasers : whether each laser is on, by name
     lasers_ns : when the controller acknowledged the last change of a laser, nanoseconds since
         the epoch
+    homed : the position is that of the home switch, or was accepted by the operator
+    firmware : name and version of the controller's firmware, '' while it is not connected
     """
 
     stamp_ns: int
@@ -49,6 +83,8 @@ class ControllerState:
     alarm: str | None
     lasers: Mapping[str, bool]
     lasers_ns: int
+    homed: bool = False
+    firmware: str = ''
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +93,19 @@ class AxisLimits:
 
     velocity: float
     acceleration: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class OffLine:
+    """
+    How another process turns the outputs of a controller off, and stops its motion.
+
+    handle : file descriptor of the open port, which the other process inherits
+    steps : bytes to send, each with the seconds to wait afterwards
+    """
+
+    handle: int
+    steps: tuple[tuple[bytes, float], ...]
 
 
 class MotionController(Protocol):
@@ -116,9 +165,26 @@ class MotionController(Protocol):
     def poll(self) -> ControllerState:
         """Return the last known state without waiting."""
 
+    def unknown_lines(self) -> Mapping[str, int]:
+        """Return how many lines of each kind the driver did not understand."""
+
     def limits(self) -> AxisLimits:
         """
         Return the limits of the axis.
 
         :raises ControllerLostError: the controller is not connected, its limits are unknown
+        """
+
+    def off_line(self) -> OffLine | None:
+        """Return how another process can turn the outputs off; None while not connected."""
+
+
+class SerialController(MotionController, Protocol):
+    """A MotionController on a serial port."""
+
+    def adopt(self, port: serial.Serial, received: bytes) -> None:
+        """
+        Use an open port for the next connection instead of opening it.
+
+        received : what was received from it already
         """

@@ -11,6 +11,7 @@ import time
 
 import serial
 
+from ivfmc_ros.devices.controller import NOT_CONNECTED
 from ivfmc_ros.errors import ControllerLostError
 
 _READ_TIMEOUT = 0.02  # seconds; on_tick is called at least this often
@@ -41,6 +42,7 @@ class SerialLine:
         self._thread: threading.Thread | None = None
         self._closing = threading.Event()
         self._name = ''
+        self._adopted: tuple[serial.Serial, bytes] | None = None
         self.unfinished = b''
 
     def open(self, name: str, baud: int) -> None:
@@ -50,19 +52,27 @@ class SerialLine:
         name : device file or pyserial URL
         :raises ControllerLostError: there is no such port, or another process uses it
         """
-        try:
-            port = serial.serial_for_url(
-                name, baud, timeout=_READ_TIMEOUT, write_timeout=_WRITE_TIMEOUT, exclusive=True
-            )
-        # termios.error is no OSError: the port vanished while it was opened
-        except (OSError, ValueError, termios.error) as error:
-            denied = getattr(error, 'errno', None) == errno.EACCES
-            hint = '; add the user to the group that owns the port (dialout)' if denied else ''
-            raise ControllerLostError(f'port {name}: cannot be opened: {error}{hint}') from error
-        self._name, self._port, self.unfinished = name, port, b''
+        adopted, self._adopted = self._adopted, None
+        port, received = adopted or (open_port(name, baud), b'')
+        self._name, self._port, self.unfinished = name, port, received
         self._closing.clear()
         self._thread = threading.Thread(target=self._run, name='controller', daemon=True)
         self._thread.start()
+
+    def adopt(self, port: serial.Serial, received: bytes) -> None:
+        """Use an open port, from which bytes were received, for the next ``open``."""
+        self._adopted = port, received
+
+    @property
+    def handle(self) -> int | None:
+        """File descriptor of the port; None while it is closed, and for ports without one."""
+        port = self._port
+        if port is None:
+            return None
+        try:
+            return int(port.fileno())
+        except (AttributeError, OSError):
+            return None
 
     def close(self) -> None:
         """End the thread and close the port; may be called from the thread."""
@@ -83,9 +93,7 @@ class SerialLine:
         """
         port = self._port
         if port is None:
-            raise ControllerLostError(
-                'the controller is not connected; call clear_alarm to connect again'
-            )
+            raise ControllerLostError(NOT_CONNECTED)
         try:
             with self._write_lock:
                 port.write(data)
@@ -105,7 +113,7 @@ class SerialLine:
                     self._port.close()
 
     def _read_lines(self, port: serial.Serial | None) -> None:
-        partial, started = b'', 0.0
+        partial, started = self.unfinished, time.monotonic()
         while port is not None and not self._closing.is_set():
             data = port.read(max(1, port.in_waiting))
             now = time.monotonic()
@@ -116,3 +124,21 @@ class SerialLine:
                 started = now
             partial = self.unfinished = partial[-_MAX_LINE_LENGTH:]
             self._on_tick()
+
+
+def open_port(name: str, baud: int) -> serial.Serial:
+    """
+    Open a port for this process alone.
+
+    name : device file or pyserial URL
+    :raises ControllerLostError: there is no such port, or another process uses it
+    """
+    try:
+        return serial.serial_for_url(
+            name, baud, timeout=_READ_TIMEOUT, write_timeout=_WRITE_TIMEOUT, exclusive=True
+        )
+    # termios.error is no OSError: the port vanished while it was opened
+    except (OSError, ValueError, termios.error) as error:
+        denied = getattr(error, 'errno', None) == errno.EACCES
+        hint = '; add the user to the group that owns the port (dialout)' if denied else ''
+        raise ControllerLostError(f'port {name}: cannot be opened: {error}{hint}') from error

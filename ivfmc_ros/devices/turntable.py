@@ -3,6 +3,7 @@
 """Driver of the turntable: a motion controller, its connection, and the laser interlock."""
 
 from collections.abc import Callable
+from collections.abc import Mapping
 import contextlib
 import math
 import threading
@@ -15,12 +16,19 @@ from ivfmc_ros.devices.controller import CONNECTING
 from ivfmc_ros.devices.controller import CONTROLLER_LOST
 from ivfmc_ros.devices.controller import ControllerState
 from ivfmc_ros.devices.controller import MotionController
+from ivfmc_ros.devices.guard.beam_guard import BeamGuard
+from ivfmc_ros.devices.motion import trajectory
 from ivfmc_ros.errors import DeviceError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import StoppedError
 
 _INTERLOCK_PERIOD = 0.02  # seconds between evaluations of the interlock
-_RETRY_PERIOD = 2.0  # seconds between attempts to connect, or to stop a controller that failed to
+_RETRY_PERIOD = 2.0  # seconds between attempts to stop a controller that failed to
+# Seconds from a failed attempt to connect to the next one: the pause doubles each time.
+_FIRST_DELAY, _MAX_DELAY = 0.5, 5.0
+# Seconds that a round of the watchdog, an attempt to connect, and an emergency stop may take until
+# the guard of the beam takes the watchdog for hung. A stop brakes for up to 4 s with the beam on.
+_WATCHDOG_TIME, _CONNECT_TIME, _STOP_TIME = 0.25, 30.0, 5.0
 _MIN_DISTANCE = 1e-6  # radians; a shorter move has no duration to keep
 _LASER_OFF_TIMEOUT = 2.0  # seconds that a move waits until a laser has gone off
 _POLL_PERIOD = 0.005  # seconds between looks at the lasers during that
@@ -39,17 +47,29 @@ class TurntableDriver:
     """
 
     def __init__(
-        self, controller: MotionController, interlock: BeamInterlock, *, velocity: float
+        self,
+        controller: MotionController,
+        interlock: BeamInterlock,
+        *,
+        velocity: float,
+        reconnect: bool = False,
+        guard: BeamGuard | None = None,
     ) -> None:
         """
         Make a driver that is not connected; ``start`` connects.
 
         velocity : rad/s, limit of all moves, and the speed of moves without a duration
+        reconnect : connect again to a controller that was lost; otherwise ``clear_alarm`` does
+        guard : process that turns the lasers off when this one dies or hangs
         """
         self._controller, self._interlock, self._velocity = controller, interlock, velocity
         self._closing = threading.Event()
         self._interlock_changed = threading.Event()
         self._connected = False
+        self._connection_lock = threading.Lock()
+        self._reconnect, self._guard = reconnect, guard
+        self._alive_until = 0.0  # steady second until which the watchdog is taken to run
+        self._delay = _FIRST_DELAY
         self._wanted_laser: str | None = None
         self._laser_wanted = threading.Condition()
         self._target: tuple[float, float] | None = None
@@ -82,8 +102,11 @@ class TurntableDriver:
             # the watchdog connected while the controller was being closed
             self._controller.close()
         self._connected = False
+        self._end_guard()
 
-    def adjust(self, settings: BeamSettings, velocity: float, power: float) -> None:
+    def adjust(
+        self, settings: BeamSettings, velocity: float, power: float, *, reconnect: bool
+    ) -> None:
         """
         Change limits while the driver runs.
 
@@ -91,11 +114,21 @@ class TurntableDriver:
         power : 0 to 1, applies when a laser is turned on next
         """
         self._interlock.settings, self._velocity = settings, velocity
+        self._reconnect = reconnect
         self._controller.set_power(power)
 
     def state(self) -> ControllerState:
         """Return the last known state without waiting."""
         return self._controller.poll()
+
+    @property
+    def guard_fault(self) -> str:
+        """Why no process guards the beam, '' if one does or none is wanted."""
+        return '' if self._guard is None else self._guard.fault
+
+    def unknown_lines(self) -> Mapping[str, int]:
+        """Return how many lines of each kind the driver of the controller did not understand."""
+        return self._controller.unknown_lines()
 
     def command(self, position: float, seconds: float) -> None:
         """
@@ -128,7 +161,7 @@ class TurntableDriver:
         speed = min(self._velocity, limits.velocity)
         distance = abs(position - self._controller.poll().position)
         if seconds > 0.0 and distance > _MIN_DISTANCE:
-            speed = min(speed, cruise_speed(distance, seconds, limits.acceleration))
+            speed = min(speed, trajectory.cruise_speed(distance, seconds, limits.acceleration))
         self._controller.move_to(position, speed, limits.acceleration)
 
     def _wait_for_laser_off(self) -> None:
@@ -183,8 +216,13 @@ class TurntableDriver:
         :raises DeviceError: the controller stays locked or lost
         """
         self._interlock.block()
-        self._controller.clear_alarm()
-        self._connected = True
+        with self._connection_lock:
+            connected = self._connected and self._controller.poll().alarm != CONTROLLER_LOST
+            if not connected:
+                self._end_guard()
+            self._controller.clear_alarm()
+            if not connected:
+                self._set_connected()
 
     def enable(self, name: str, on: bool) -> None:
         """
@@ -198,7 +236,7 @@ class TurntableDriver:
         laser = self._interlock.decide().laser
         with self._laser_wanted:
             self._wanted_laser = laser
-        self._controller.set_laser(laser)
+        self._set_laser(laser)
 
     # -- threads
 
@@ -217,10 +255,15 @@ class TurntableDriver:
             self._interlock_changed.wait(_INTERLOCK_PERIOD)
             self._interlock_changed.clear()
             now = time.monotonic()
+            self._alive_until = now + _WATCHDOG_TIME
             if not self._connected:
                 if now >= retry_at:
+                    self._alive_until = now + _CONNECT_TIME
                     self._connect()
-                    retry_at = time.monotonic() + _RETRY_PERIOD
+                    retry_at = time.monotonic() + self._next_delay()
+                continue
+            if self._is_to_reconnect():
+                self._connected, retry_at = False, now + self._next_delay()
                 continue
             beam, state = self._interlock.decide(), self._controller.poll()
             with self._laser_wanted:
@@ -233,6 +276,7 @@ class TurntableDriver:
                         f'the table was stopped in a move, because its laser had to go off: '
                         f'{beam.reason}'
                     )
+                self._alive_until = now + _STOP_TIME
                 retry_at = now + (0.0 if self._emergency_stop() else _RETRY_PERIOD)
 
     @staticmethod
@@ -245,12 +289,53 @@ class TurntableDriver:
         return laser_on and beam.urgent and state.moving
 
     def _connect(self) -> None:
-        try:
-            self._controller.open()
-        except DeviceError as error:
-            self.fault = str(error)
-        else:
-            self.fault, self._connected = '', True
+        with self._connection_lock:
+            if self._connected:
+                return  # clear_alarm was faster
+            self._end_guard()
+            try:
+                self._controller.open()
+            except DeviceError as error:
+                self.fault = str(error)
+            else:
+                self._set_connected()
+
+    def _set_connected(self) -> None:
+        self.fault, self._delay, self._connected = '', _FIRST_DELAY, True
+        if self._guard is not None:
+            self._guard.start(self._controller.off_line(), self._is_alive, self._may_be_lit)
+
+    def _end_guard(self) -> None:
+        """End the guard process, which keeps the port locked: its controller is lost."""
+        if self._guard is not None:
+            self._guard.end()
+
+    def _is_to_reconnect(self) -> bool:
+        """Return whether the controller was lost; what was requested before is forgotten then."""
+        if not self._reconnect or self._controller.poll().alarm != CONTROLLER_LOST:
+            return False
+        self._interlock.block()
+        with self._target_changed:
+            self._target = None
+        return True
+
+    def _next_delay(self) -> float:
+        """Return the seconds until the next attempt to connect."""
+        delay, self._delay = self._delay, min(2 * self._delay, _MAX_DELAY)
+        return delay
+
+    def _set_laser(self, name: str | None) -> None:
+        if name is not None and self._guard is not None:
+            self._guard.announce()
+        self._controller.set_laser(name)
+
+    def _is_alive(self) -> bool:
+        return time.monotonic() < self._alive_until
+
+    def _may_be_lit(self) -> bool:
+        """Return whether a laser may be on, or the table moves."""
+        state = self._controller.poll()
+        return self._wanted_laser is not None or state.moving or any(state.lasers.values())
 
     def _emergency_stop(self) -> bool:
         """Stop the controller; return whether it did."""
@@ -280,11 +365,12 @@ class TurntableDriver:
                 self._laser_wanted.wait(_INTERLOCK_PERIOD)
                 wanted = self._wanted_laser
             state = self._controller.poll()
-            ready = self._connected and state.alarm is None
+            # a controller switches at the end of a motion; until then another may be wanted
+            ready = self._connected and state.alarm is None and not state.moving
             if not ready or wanted == active_laser(state):
                 continue
             try:
-                self._controller.set_laser(wanted)
+                self._set_laser(wanted)
                 self.fault = ''
             except StoppedError:
                 pass  # the stop turned all lasers off
@@ -301,18 +387,3 @@ def active_laser(state: ControllerState) -> str | None:
     """Return the name of the laser that is on; '' if several are, None if none is."""
     on = [name for name, is_on in state.lasers.items() if is_on]
     return None if not on else on[0] if len(on) == 1 else ''
-
-
-def cruise_speed(distance: float, seconds: float, acceleration: float) -> float:
-    """
-    Return the speed at which a trapezoidal move of ``distance`` takes ``seconds``.
-
-    Solves v^2 - a t v + a d = 0 for the smaller v, in the form without cancellation.
-
-    distance, acceleration : radians and rad/s^2, not negative
-    :returns: rad/s, infinite if no speed is high enough
-    """
-    discriminant = (acceleration * seconds) ** 2 - 4 * acceleration * distance
-    if discriminant < 0.0:
-        return math.inf
-    return 2 * distance / (seconds + math.sqrt(discriminant) / acceleration)

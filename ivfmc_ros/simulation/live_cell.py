@@ -24,8 +24,8 @@ from ivfmc_ros.devices.motion.trajectory import Trajectory
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.simulation.bench import bench_cell
-from ivfmc_ros.simulation.grbl.emulator import ControllerEmulator
-from ivfmc_ros.simulation.grbl.modal_state import LaserOutputs
+from ivfmc_ros.simulation.controller_emulator import ControllerEmulator
+from ivfmc_ros.simulation.laser_outputs import LaserOutputs
 from ivfmc_ros.simulation.live.folder import LiveDescription
 from ivfmc_ros.simulation.live.folder import LiveFolder
 from ivfmc_ros.simulation.live.truth import TruthWriter

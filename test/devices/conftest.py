@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from ivfmc_ros.devices.grbl.controller import GrblController
-from ivfmc_ros.devices.grbl.settings import GrblSettings
-from ivfmc_ros.simulation.grbl.emulator import ControllerEmulator
+from ivfmc_ros.devices.settings import ControllerSettings
+from ivfmc_ros.simulation.controller_emulator import ControllerEmulator
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def emulator(tmp_path: Path) -> Iterator[ControllerEmulator]:
 @pytest.fixture
 def controller(emulator: ControllerEmulator, tmp_path: Path) -> Iterator[GrblController]:
     controller = GrblController(
-        GrblSettings(
+        ControllerSettings(
             port=str(tmp_path / 'controller'), lasers={'left': 'spindle', 'right': 'coolant'}
         )
     )

@@ -4,10 +4,11 @@ import time
 
 import pytest
 
+from ivfmc_ros.devices.any_controller import AnyController
 from ivfmc_ros.devices.beam import BeamInterlock
 from ivfmc_ros.devices.beam import BeamSettings
 from ivfmc_ros.devices.grbl.controller import GrblController
-from ivfmc_ros.devices.grbl.settings import GrblSettings
+from ivfmc_ros.devices.settings import ControllerSettings
 from ivfmc_ros.devices.turntable import TurntableDriver
 from ivfmc_ros.errors import ParameterError
 
@@ -24,7 +25,7 @@ def until(condition, seconds=5.0):
 def driver(emulator, tmp_path):
     lasers = {'left': 'spindle', 'right': 'coolant'}
     driver = TurntableDriver(
-        GrblController(GrblSettings(port=str(tmp_path / 'controller'), lasers=lasers)),
+        GrblController(ControllerSettings(port=str(tmp_path / 'controller'), lasers=lasers)),
         BeamInterlock(list(lasers), BeamSettings(hold_timeout=0.5)),
         velocity=6.0,
     )
@@ -122,3 +123,76 @@ def test_controller_is_lost_when_its_reader_fails(driver, monkeypatch):
     driver.clear_alarm()
     driver.command(0.1, 0.0)
     until(lambda: abs(driver.state().position - 0.1) < 1e-3)
+
+
+@pytest.fixture
+def reconnecting(emulator, tmp_path):
+    lasers = {'left': 'spindle', 'right': 'coolant'}
+    driver = TurntableDriver(
+        AnyController(ControllerSettings(port=str(tmp_path / 'controller'), lasers=lasers)),
+        BeamInterlock(list(lasers), BeamSettings(hold_timeout=0.5)),
+        velocity=6.0,
+        reconnect=True,
+    )
+    driver.start()
+    until(lambda: not driver.fault)
+    yield driver
+    driver.close()
+
+
+@pytest.mark.parametrize('moving', [False, True])
+def test_controller_that_comes_back_is_connected_but_neither_moves_nor_lights(
+    reconnecting, emulator, moving
+):
+    driver = reconnecting
+    driver.clear_alarm()
+    assert driver.state().homed
+    turn_on(driver, 'left')
+    if moving:
+        driver.command(3.0, 10.0)
+        until(lambda: driver.hold('left') or driver.state().moving)
+    emulator.fault('unplug')
+    until(lambda: driver.hold('left') or driver.state().alarm == 'CONTROLLER_LOST', 2.0)
+    emulator.fault('plug')
+    until(lambda: driver.hold('left') or driver.state().alarm is None, 4.0)
+    state, end = driver.state(), time.monotonic() + 0.5
+    while time.monotonic() < end:
+        driver.hold('left')
+        assert not any(driver.state().lasers.values())
+        assert not emulator.machine.axis.moving
+    assert (state.homed, driver.state().position) == (False, state.position)
+    # a laser that is requested anew lights, and a move works
+    driver.hold('')
+    turn_on(driver, 'left')
+    driver.command(state.position + 0.1, 0.0)
+    until(
+        lambda: driver.hold('left') or abs(driver.state().position - state.position - 0.1) < 1e-3
+    )
+
+
+def test_controller_that_is_lost_stays_lost_where_reconnect_is_off(reconnecting, emulator):
+    driver = reconnecting
+    driver.adjust(BeamSettings(), 6.0, 1.0, reconnect=False)
+    emulator.fault('unplug')
+    until(lambda: driver.state().alarm == 'CONTROLLER_LOST', 2.0)
+    emulator.fault('plug')
+    time.sleep(1.0)
+    assert driver.state().alarm == 'CONTROLLER_LOST'
+    driver.clear_alarm()
+    assert driver.state().alarm is None
+
+
+def test_request_for_a_laser_in_a_move_delays_neither_another_move_nor_a_stop(driver, emulator):
+    turn_on(driver, 'left')
+    driver.command(6.0, 20.0)
+    until(lambda: driver.hold('left') or driver.state().moving)
+    # the other laser is wanted now, which the controller switches at the end of the motion
+    for _ in range(10):
+        driver.hold('right')
+        time.sleep(0.02)
+    here = driver.state().position
+    driver.command(here, 0.0)
+    start = time.monotonic()
+    until(lambda: driver.hold('right') or not driver.state().moving)
+    assert time.monotonic() - start < 1.5
+    assert driver.state().position < 2.0

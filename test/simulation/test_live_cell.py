@@ -12,8 +12,8 @@ import pytest
 
 from ivfmc_ros.devices.cameras.device import Exposure
 from ivfmc_ros.devices.grbl.controller import GrblController
-from ivfmc_ros.devices.grbl.settings import GrblSettings
 from ivfmc_ros.devices.motion import trajectory
+from ivfmc_ros.devices.settings import ControllerSettings
 from ivfmc_ros.errors import CameraLostError
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.simulation.bench import bench_cell
@@ -106,7 +106,7 @@ def test_dark_image_is_fast_and_has_new_noise(tmp_path, description):
 def test_camera_sees_the_laser_that_the_controller_turned_on(tmp_path, description):
     with live_cell(LiveFolder(tmp_path / 'cell'), description):
         controller = GrblController(
-            GrblSettings(
+            ControllerSettings(
                 port=str(tmp_path / 'cell' / 'controller'), lasers={'a': 'spindle', 'b': 'coolant'}
             )
         )

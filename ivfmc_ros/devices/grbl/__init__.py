@@ -1,11 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Motion controllers with GRBL 1.1 on a serial port.
+Motion controllers of the GRBL family on a serial port.
 
-``protocol`` parses lines, ``command_channel`` sends commands, ``monitor`` keeps the state, and
+``dialects`` tells the firmwares apart, ``protocol`` parses lines, ``command_channel`` sends
+commands, ``monitor`` keeps the state, and
 ``GrblController`` implements the protocol ``MotionController`` with them.
 """
 
 from ivfmc_ros.devices.grbl.controller import GrblController as GrblController
-from ivfmc_ros.devices.grbl.settings import GrblSettings as GrblSettings

@@ -23,6 +23,7 @@ _MOTION_TIME_TOLERANCE = 0.3
 _MAX_CONTRADICTIONS = 3
 _PENDANT_TIME = 0.5  # seconds between two reports of an axis that is moved by hand
 _MM_PER_INCH = 25.4
+_ROTARY = 'ABC'  # letters of axes that turn
 
 
 class AxisTracker:
@@ -47,6 +48,8 @@ class AxisTracker:
         self._contradictions = 0  # reports in a row that contradict the commanded motion
         self._work_offset: float | None = None  # machine minus work position
         self._new_work_offset: float | None = None
+        self._commanded_at = 0.0  # a report to an earlier query does not tell of an arrival
+        self._held_at: float | None = None  # position of the last report of a hold
         self.held = False
         self.lost = False
         self.positions = 0
@@ -106,7 +109,7 @@ class AxisTracker:
         """Note that the announced move was accepted: it begins."""
         if self._announced is not None:
             self._estimator.begin(self._announced, now)
-            self._announced = None
+            self._announced, self._commanded_at = None, now
 
     def end(self) -> bool:
         """Note that the motion has ended at its target; return whether there was one."""
@@ -120,7 +123,7 @@ class AxisTracker:
         """Note that a feed hold was sent; ``deceleration`` in units per s^2."""
         self._announced = None
         self._estimator.brake(deceleration, now)
-        self._standstill_unknown, self.held = True, False
+        self._standstill_unknown, self.held, self._held_at = True, False, None
 
     # -- reports
 
@@ -155,10 +158,14 @@ class AxisTracker:
 
     def _position(self, report: StatusReport, in_inches: bool | None) -> float | None:
         """Return the machine position, None if the report is damaged or lacks it."""
-        if in_inches is not None and report.inches != in_inches:
-            return None
-        index, scale = self._units.index, _MM_PER_INCH if report.inches else 1.0
+        index = self._units.index
         try:
+            inches = report.inches(index)
+            # grblHAL and FluidNC report degrees with three decimals also where $13=1
+            expected = in_inches and (inches or self._units.letter not in _ROTARY)
+            if in_inches is not None and inches != expected:
+                return None
+            scale = _MM_PER_INCH if inches else 1.0
             if report.offset is not None:
                 self._update_work_offset(report.offset[index] * scale)
             if report.machine is not None:
@@ -185,12 +192,12 @@ class AxisTracker:
         max_rate: float,
     ) -> bool:
         """Return whether the position was used."""
-        held = report.state == 'Hold' and report.substate == 0
+        held = self._is_held(report, units)
         if not held and report.state not in ('Idle', 'Alarm'):
             if self.commanded:
                 return self._update_motion(units, times, waiting)
             return self._follow_hand(units, max_rate)
-        if self._announced is not None:
+        if self._announced is not None or times[0] < self._commanded_at:
             return False
         overdue = self._estimator.has_ended(sum(times) / 2 - _END_DELAY)
         if not (self._estimator.standing or overdue or waiting):
@@ -198,6 +205,16 @@ class AxisTracker:
         if overdue and not self._estimator.standing and not waiting:
             self._expected = self._estimator.target
         return self._update_standstill(units)
+
+    def _is_held(self, report: StatusReport, units: float) -> bool:
+        """Return whether the report says that a feed hold has come to standstill."""
+        if report.state == 'Queue':
+            return True
+        if report.state != 'Hold':
+            return False
+        # GRBL 0.9 has no substate: the position has to be that of the report before
+        before, self._held_at = self._held_at, units
+        return before == units if report.substate is None else report.substate == 0
 
     def _update_motion(self, units: float, times: tuple[float, float], waiting: bool) -> bool:
         """Evaluate a report during a motion, which has to be the commanded one."""

@@ -32,7 +32,7 @@ class PendingLine:
         self.text, self.on_ok = text, on_ok
         self.done = threading.Event()
         self.failure: DeviceError | None = None
-        self.error_number: int | None = None
+        self.response = protocol.Response()
 
 
 class CommandChannel:
@@ -81,10 +81,10 @@ class CommandChannel:
                 continue
             if pending.failure is not None:
                 raise pending.failure
-            if pending.error_number is None:
+            if pending.response.error is None:
                 return
-            if is_last or not _may_be_transmission_error(pending.error_number):
-                raise _refusal(text, pending.error_number)
+            if is_last or not _may_be_transmission_error(pending.response.error):
+                raise _refusal(text, pending.response)
         raise ControllerLostError(
             f'{text}: no response from the controller, though the line was sent twice'
         )
@@ -98,15 +98,15 @@ class CommandChannel:
         """
         self._begin(text, on_ok, epoch)
 
-    def handle_response(self, error_number: int | None) -> None:
-        """Complete the line in flight; None is ok. A response without a line is ignored."""
+    def handle_response(self, response: protocol.Response) -> None:
+        """Complete the line in flight. A response without a line is ignored."""
         with self._pending_changed:
             pending, self._pending = self._pending, None
             self._pending_changed.notify_all()
         if pending is None:
             return
-        pending.error_number = error_number
-        if error_number is None and pending.on_ok is not None:
+        pending.response = response
+        if response.error is None and pending.on_ok is not None:
             pending.on_ok()
         pending.done.set()
 
@@ -165,8 +165,10 @@ def _may_be_transmission_error(number: int) -> bool:
     return number in _TRANSMISSION_ERRORS or number >= _FIRST_GCODE_ERROR
 
 
-def _refusal(text: str, number: int) -> ControllerRefusedError:
-    reason = protocol.ERRORS.get(number, 'see the list of error codes of GRBL 1.1')
+def _refusal(text: str, response: protocol.Response) -> ControllerRefusedError:
+    number = response.error or protocol.UNNUMBERED
+    reason = protocol.ERRORS.get(number, 'see the list of error codes of the firmware')
+    reason = response.text or reason
     return ControllerRefusedError(
         f'{text}: the controller responded with error {number}: {reason}'
     )

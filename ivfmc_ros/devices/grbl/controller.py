@@ -1,56 +1,70 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Motion controller with GRBL 1.1: a rotary axis, and lasers on the spindle and coolant outputs.
+Motion controller of the GRBL family: a rotary axis, and lasers on its outputs.
 
-Facts of GRBL that shape this class (github.com/gnea/grbl, doc/markdown): ``ok`` to a move means
-queued, not arrived; M3, M5, M8 and M9 wait until all queued motion has ended; a soft reset while
-the axis moves loses the position, so a stop is a feed hold (``!``), then a soft reset (0x18).
+GRBL 0.9 and 1.1, grblHAL, FluidNC, Horus (``dialects``). Facts that shape this class
+(github.com/gnea/grbl, doc/markdown): ``ok`` to a move means queued, not arrived; M3, M5, M8 and M9
+wait until all queued motion has ended; a soft reset while the axis moves loses the position, so a
+stop is a feed hold (``!``), then a soft reset (0x18).
 """
 
+from collections.abc import Mapping
 import contextlib
 from dataclasses import replace
-import math
 import threading
+import time
+
+import serial
 
 from ivfmc_ros.devices.controller import AxisLimits
 from ivfmc_ros.devices.controller import CONNECTING
 from ivfmc_ros.devices.controller import ControllerState
+from ivfmc_ros.devices.controller import NOT_CONNECTED
+from ivfmc_ros.devices.controller import OffLine
+from ivfmc_ros.devices.controller import require_laser
+from ivfmc_ros.devices.controller import require_motion
 from ivfmc_ros.devices.grbl import protocol
+from ivfmc_ros.devices.grbl.axis_settings import AxisSettings
 from ivfmc_ros.devices.grbl.command_channel import CommandChannel
-from ivfmc_ros.devices.grbl.handshake import ACCELERATION
+from ivfmc_ros.devices.grbl.dialects import HOMING
+from ivfmc_ros.devices.grbl.dialects import MAX_SPINDLE
 from ivfmc_ros.devices.grbl.handshake import Handshake
-from ivfmc_ros.devices.grbl.handshake import HOMING
-from ivfmc_ros.devices.grbl.handshake import MAX_RATE
-from ivfmc_ros.devices.grbl.handshake import MAX_SPINDLE
 from ivfmc_ros.devices.grbl.handshake import START_TIMEOUT
 from ivfmc_ros.devices.grbl.monitor import GrblMonitor
-from ivfmc_ros.devices.grbl.settings import GrblSettings
-from ivfmc_ros.devices.grbl.settings import OUTPUTS
 from ivfmc_ros.devices.motion import trajectory
 from ivfmc_ros.devices.motion.axis_units import AxisUnits
 from ivfmc_ros.devices.serial_line import SerialLine
+from ivfmc_ros.devices.settings import AUTO_AXIS
+from ivfmc_ros.devices.settings import ControllerSettings
+from ivfmc_ros.devices.unknown_lines import UnknownLines
 from ivfmc_ros.errors import ControllerAlarmError
 from ivfmc_ros.errors import ControllerLostError
 from ivfmc_ros.errors import ControllerRefusedError
 from ivfmc_ros.errors import DeviceError
-from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import StoppedError
-from ivfmc_ros.validation import require_in_range
 
 _DEFAULT_MAX_SPINDLE = 1000.0  # GRBL's default of $30
 _RESET_TIMEOUT = 2.0  # seconds from a soft reset to the banner; no boot loader runs then
 _BRAKING_MARGIN = 3.0  # seconds beyond the braking time, for the report of the standstill
 _MIN_FEED = 1.0  # controller units per minute; GRBL refuses 0
-_ACCELERATION_TOLERANCE = 1e-3  # relative; GRBL reports settings with three decimals
+_ABORT_ALARM = 'ALARM_3'  # of a reset in a motion, or in a hold
+_STANDSTILL_PERIOD = 0.01  # seconds between looks whether a motion has ended
+
+
+# A feed hold, then a reset, which turns the outputs off; twice, because a byte may be lost.
+# Seconds in between: the table brakes, but the beam is on.
+_OFF_STEPS = ((protocol.HOLD, 0.1), (protocol.RESET, 0.02), (protocol.RESET, 0.0))
 
 
 class GrblController:
-    """A MotionController that runs GRBL 1.1; see there for its methods."""
+    """A MotionController that runs firmware of the GRBL family; see there for its methods."""
 
-    def __init__(self, settings: GrblSettings) -> None:
+    def __init__(self, settings: ControllerSettings) -> None:
         self._settings = settings
-        self._units = AxisUnits(settings.axis, settings.units_per_turn)
+        axis = 'X' if settings.axis == AUTO_AXIS else settings.axis
+        self._units = AxisUnits(axis, settings.units_per_turn)
+        self._unknown_lines = UnknownLines()
         self._line = SerialLine(
             on_line=self._handle_line, on_tick=self._query_status, on_lost=self._set_lost
         )
@@ -58,7 +72,10 @@ class GrblController:
         self._monitor = GrblMonitor(self._units, dict(settings.lasers))
         self._command_lock = threading.RLock()
         self._stop_lock = threading.Lock()
-        self._handshake = Handshake(settings, self._line, self._channel, self._monitor)
+        self._handshake = Handshake(
+            settings, self._line, self._channel, self._monitor, self._units
+        )
+        self._axis = AxisSettings(self._units, self._channel, self._monitor, self._handshake)
 
     # -- MotionController
 
@@ -67,7 +84,7 @@ class GrblController:
         Connect, wait until the controller has started, turn the lasers off.
 
         :raises ControllerLostError: the port cannot be opened, or GRBL does not answer
-        :raises ControllerRefusedError: GRBL is older than 1.1, or does not have the axis
+        :raises ControllerRefusedError: the controller does not have the axis, or an output
         """
         with self._command_lock:
             self._monitor.begin_connection()
@@ -116,6 +133,7 @@ class GrblController:
             self._monitor.clear_alarm()
             self._monitor.wait_for_position(START_TIMEOUT)
             self._restore_modes_and_outputs()
+            self._monitor.homed = True
 
     def stop(self) -> None:
         """
@@ -128,9 +146,10 @@ class GrblController:
                 # it may still receive, though its reports do not arrive
                 self._line.write(protocol.RESET)
                 self._require_connected()
-            if self._monitor.moving:
-                self._brake()
+            held = self._monitor.moving and self._brake()
             self._reset()
+            if held and self._monitor.dialect.alarm_after_hold:
+                self._unlock_standing()
             if self._monitor.alarm is None:
                 self._restore_modes()
 
@@ -147,6 +166,7 @@ class GrblController:
                 self._channel.send('$X')
             self._monitor.clear_alarm()
             self._restore_modes_and_outputs()
+            self._monitor.homed = True  # the operator accepts the position
 
     def move_to(self, position: float, velocity: float, acceleration: float) -> None:
         """
@@ -155,7 +175,7 @@ class GrblController:
         :raises ParameterError: a number is not finite, or not positive
         :raises ControllerAlarmError: the controller is locked
         """
-        _require_motion(position, velocity, acceleration)
+        require_motion(position, velocity, acceleration)
         epoch = self._channel.epoch
         with self._command_lock:
             self._require_ready()
@@ -163,23 +183,27 @@ class GrblController:
                 self.stop()
                 self._require_ready()
                 epoch = self._channel.epoch
-            self._set_acceleration(acceleration)
+            self._axis.set_acceleration(acceleration)
             target = self._units.from_radians(position)
-            feed = max(60 * self._units.length(velocity), _MIN_FEED)
-            feed = min(feed, self._axis_setting(MAX_RATE))
+            dialect = self._monitor.dialect
+            rate = max(60 * self._units.length(velocity), _MIN_FEED)
+            rate = min(rate, self._axis.rate)
             start = self._monitor.target_units
-            controller_target = self._units.to_controller(target)
-            text = f'G53G1{self._settings.axis}{controller_target:.4f}F{feed:.3f}'
-            limit = self._axis_setting(ACCELERATION)
-            plan = trajectory.trapezoid(start, target, feed / 60, limit, 0.0)
+            text = dialect.move.format(
+                axis=self._units.letter,
+                position=self._units.to_controller(target),
+                feed=rate * dialect.feed_seconds / 60,
+            )
+            limit = self._axis.acceleration
+            plan = trajectory.trapezoid(start, target, rate / 60, limit, 0.0)
             self._monitor.announce_move(plan)
             try:
                 self._channel.send(text, epoch, self._monitor.begin_move)
             except DeviceError:
                 self._monitor.withdraw_move()
                 raise
-            # a dwell is answered when the motion has ended
-            self._channel.send_without_waiting('G4P0.01', self._monitor.end_move, epoch)
+            if dialect.drain:
+                self._channel.send_without_waiting(dialect.drain, self._monitor.end_move, epoch)
 
     def set_laser(self, name: str | None) -> int:
         """
@@ -188,15 +212,14 @@ class GrblController:
         :returns: time of the acknowledgment, nanoseconds since the epoch
         :raises ParameterError: there is no such laser
         """
-        if name is not None and name not in self._settings.lasers:
-            known = ', '.join(self._settings.lasers) or 'none'
-            raise ParameterError(f'laser: there is no {name!r}; the lasers are: {known}')
+        require_laser(name, self._settings.lasers)
         epoch = self._channel.epoch
+        self._wait_for_standstill(epoch)
         with self._command_lock:
             self._require_ready()
             for laser, output in self._settings.lasers.items():
                 if laser != name:
-                    self._channel.send(OUTPUTS[output][1], epoch)
+                    self._channel.send(self._monitor.dialect.outputs[output][1], epoch)
             self._monitor.set_lasers({})
             if name is not None:
                 self._channel.send(self._turn_on_command(self._settings.lasers[name]), epoch)
@@ -211,6 +234,19 @@ class GrblController:
         """Return the last known state without waiting."""
         return self._monitor.state()
 
+    def unknown_lines(self) -> Mapping[str, int]:
+        """Return how many lines of each kind were not understood."""
+        return self._unknown_lines.counts()
+
+    def adopt(self, port: serial.Serial, received: bytes) -> None:
+        """Use an open port, from which bytes were received, for the next ``open``."""
+        self._line.adopt(port, received)
+
+    def off_line(self) -> OffLine | None:
+        """Return how another process can turn the outputs off; None while not connected."""
+        handle = self._line.handle
+        return None if handle is None else OffLine(handle=handle, steps=_OFF_STEPS)
+
     def limits(self) -> AxisLimits:
         """
         Return the limits that GRBL's settings state.
@@ -218,34 +254,29 @@ class GrblController:
         :raises ControllerLostError: the controller is not connected
         """
         self._require_connected()
-        if self._setting_number(ACCELERATION) not in self._monitor.settings:
-            raise ControllerLostError('the controller is not connected yet')
-        units_per_radian = self._units.length(1.0)
-        return AxisLimits(
-            velocity=self._axis_setting(MAX_RATE) / 60 / units_per_radian,
-            acceleration=self._axis_setting(ACCELERATION) / units_per_radian,
-        )
+        return self._axis.limits()
 
     # -- called by the reading thread
 
     def _handle_line(self, text: str, received_at: float) -> None:
         line = protocol.parse(text)
         self._handshake.note_line(text)
+        if line is None:
+            self._unknown_lines.add(text)
         if isinstance(line, protocol.Response):
-            self._channel.handle_response(line.error)
+            self._channel.handle_response(line)
         elif isinstance(line, protocol.Alarm):
-            reason = protocol.ALARMS.get(line.number, 'see the list of alarms of GRBL 1.1')
-            self._monitor.handle_alarm(f'ALARM_{line.number}')
-            self._channel.abort(
-                ControllerAlarmError(f'the controller raised alarm {line.number}: {reason}')
-            )
+            alarm = protocol.name_alarm(line)
+            self._monitor.handle_alarm(alarm)
+            reason = protocol.describe_alarm(alarm)
+            self._channel.abort(ControllerAlarmError(f'the controller raised {reason}'))
         elif isinstance(line, protocol.Banner):
-            self._handle_banner(line.version)
+            self._handle_banner(line)
         else:
             self._monitor.handle_line(line, received_at)
 
-    def _handle_banner(self, version: str) -> None:
-        if self._monitor.handle_banner(version):
+    def _handle_banner(self, banner: protocol.Banner) -> None:
+        if self._monitor.handle_banner(banner):
             self._channel.abort(StoppedError('the motion was stopped'))
         else:
             self._channel.abort(
@@ -276,55 +307,74 @@ class GrblController:
 
     # -- steps of commands
 
-    def _setting_number(self, first: int) -> int:
-        """Return the number of the axis' setting, ``first`` being that of the X axis."""
-        return first + self._units.index
-
-    def _axis_setting(self, first: int) -> float:
-        return self._monitor.settings[self._setting_number(first)]
-
     def _turn_on_command(self, output: str) -> str:
         full_power = self._monitor.settings.get(MAX_SPINDLE, _DEFAULT_MAX_SPINDLE)
-        return OUTPUTS[output][0].format(self._settings.power * full_power)
+        command = self._monitor.dialect.outputs[output][0]
+        return command.format(power=self._settings.power * full_power)
 
     def _require_connected(self) -> None:
         if self._monitor.lost:
-            raise ControllerLostError(
-                'the controller is not connected; call clear_alarm to connect again'
-            )
+            raise ControllerLostError(NOT_CONNECTED)
 
     def _require_ready(self) -> None:
         self._require_connected()
         if self._monitor.alarm is not None:
             raise ControllerAlarmError(
-                f'the controller is locked: {self._monitor.alarm}; call home or clear_alarm'
+                f'the controller is locked: {protocol.describe_alarm(self._monitor.alarm)}; call '
+                'home or clear_alarm'
             )
 
     def _restore_modes(self) -> None:
-        """Set the modes that a reset changed; G1 because in laser mode G0 turns the laser off."""
-        self._channel.send('G21G90G94')
-        self._channel.send('G1F100')
+        """Set the modes that a reset changed."""
+        for command in self._monitor.dialect.modes:
+            self._channel.send(command)
 
     def _restore_modes_and_outputs(self) -> None:
         self._restore_modes()
         for output in self._settings.lasers.values():
-            self._channel.send(OUTPUTS[output][1])
+            self._channel.send(self._monitor.dialect.outputs[output][1])
         self._monitor.set_lasers({})
 
-    def _brake(self) -> None:
-        """Hold the motion: a reset of a moving table would lose the position."""
-        deceleration = self._axis_setting(ACCELERATION)
+    def _brake(self) -> bool:
+        """
+        Hold the motion: a reset of a moving table would lose the position.
+
+        :returns: whether the axis stands
+        """
+        deceleration = self._axis.acceleration
         self._line.write(protocol.HOLD)
         self._monitor.begin_hold(deceleration)
-        rate = self._axis_setting(MAX_RATE) / 60
-        self._monitor.wait_for_hold(rate / deceleration + _BRAKING_MARGIN)
+        rate = self._axis.rate / 60
+        return self._monitor.wait_for_hold(rate / deceleration + _BRAKING_MARGIN)
+
+    def _unlock_standing(self) -> None:
+        """Unlock after the alarm of a reset in a hold: the axis stood, its position is kept."""
+        if self._monitor.alarm in (_ABORT_ALARM, 'LOCKED'):
+            self._channel.send('$X')
+            self._monitor.clear_alarm()
+            self._monitor.wait_for_position(START_TIMEOUT)
+
+    def _wait_for_standstill(self, epoch: int) -> None:
+        """
+        Wait for the end of a motion without holding the lock: a move or a stop goes first.
+
+        An output would be switched at the end of the motion all the same.
+        """
+        while self._monitor.moving and self._monitor.alarm is None:
+            if self._channel.epoch != epoch:
+                return  # sending raises the reason of the abort
+            time.sleep(_STANDSTILL_PERIOD)
 
     def _reset(self) -> None:
         """Turn the outputs off and discard queued motion."""
         for _ in range(2):  # the byte may be lost
             self._monitor.expect_start()
             self._line.write(protocol.RESET)
-            if self._monitor.wait_for_start(_RESET_TIMEOUT):
+            if self._monitor.wait_for_start(_RESET_TIMEOUT if self._monitor.banner else 0.0):
+                break
+            if self._monitor.banner is None and not self._monitor.lost:
+                # it sends none at all: the next report has to do
+                self._monitor.assume_started()
                 break
         else:
             error = ControllerLostError('the controller did not start again after a reset')
@@ -332,24 +382,3 @@ class GrblController:
             raise error
         self._monitor.set_lasers({})
         self._monitor.wait_for_position(START_TIMEOUT)
-
-    def _set_acceleration(self, acceleration: float) -> None:
-        number = self._setting_number(ACCELERATION)
-        wanted = round(self._units.length(acceleration), 3)
-        if abs(wanted - self._monitor.settings[number]) > _ACCELERATION_TOLERANCE * wanted:
-            # written only if it differs: the EEPROM endures 100,000 writes
-            self._channel.send(f'${number}={wanted:.3f}')
-            self._handshake.read_settings()
-            written = self._monitor.settings[number]
-            if abs(wanted - written) > _ACCELERATION_TOLERANCE * wanted:
-                raise ControllerRefusedError(
-                    f'${number}={wanted:.3f}: the controller reads back {written:.3f}; a byte was '
-                    'lost on the line, or its firmware limits the acceleration'
-                )
-
-
-def _require_motion(position: float, velocity: float, acceleration: float) -> None:
-    if not math.isfinite(position):
-        raise ParameterError(f'position: {position} must be finite')
-    for name, value in (('velocity', velocity), ('acceleration', acceleration)):
-        require_in_range(name, value, 0.0, math.inf, open_low=True, open_high=True)

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Mapping
 from contextlib import contextmanager
+import math
 import threading
 import time
 
@@ -20,6 +21,10 @@ from ivfmc_ros.devices.controller import ControllerState
 from ivfmc_ros.devices.controller import POSITION_LOST
 from ivfmc_ros.devices.grbl import protocol
 from ivfmc_ros.devices.grbl.axis_tracker import AxisTracker
+from ivfmc_ros.devices.grbl.dialects import Dialect
+from ivfmc_ros.devices.grbl.dialects import DIALECTS
+from ivfmc_ros.devices.grbl.dialects import MAX_RATE
+from ivfmc_ros.devices.grbl.dialects import REPORT_INCHES
 from ivfmc_ros.devices.grbl.setting_readings import SettingReadings
 from ivfmc_ros.devices.motion.axis_units import AxisUnits
 from ivfmc_ros.devices.motion.trajectory import Trajectory
@@ -34,11 +39,10 @@ _SILENCE_TIMEOUT = 1.0
 _START_TIMEOUT = 6.0  # seconds after a reset in which a banner is expected; boot loaders take 4
 _REPEATED_BANNER = 0.3  # seconds in which a second banner belongs to the same start
 _OUTPUT_DELAY = 1.0  # seconds; reports of outputs lag behind a command
-_REPORT_INCHES, _MAX_RATE = 13, 110  # numbers of ``$`` settings, the latter of the X axis
 
 # GRBL sends no reports after a limit switch was hit (alarms 1 and 2), nor while it homes.
 _ALARMS_WITHOUT_REPORTS = ('ALARM_1', 'ALARM_2')
-_OUTPUT_LETTERS = {'spindle': ('S', 'C'), 'coolant': ('F',)}
+_OUTPUT_LETTERS: Mapping[str, tuple[str, ...]] = {'spindle': ('S', 'C'), 'coolant': ('F',)}
 
 
 class GrblMonitor:
@@ -49,7 +53,11 @@ class GrblMonitor:
     lasers : output of each laser by its name
     readings : of the controller's ``$`` settings
     settings : values of these settings by number, each read twice
-    version : of GRBL, by its banner; '' before
+    banner : of the controller; None before, and for a controller that sends none
+    dialect : of the controller's firmware
+    identity : what the controller told about itself, by key, as AXS of ``[AXS:4:XYZA]``
+    axis_count : number of axes in the reports, 0 before the first one
+    homed : the position is that of the home switch, or was accepted by the operator
     alarm : see ControllerState.alarm
     lost : the port is closed or failed, or the controller is silent
     locked : GRBL accepts no motion until it is homed or unlocked
@@ -62,7 +70,11 @@ class GrblMonitor:
         self._changed = threading.Condition(threading.RLock())
         self.readings = SettingReadings()
         self.settings: dict[int, float] = {}
-        self.version = ''
+        self.banner: protocol.Banner | None = None
+        self.dialect: Dialect = DIALECTS['Grbl']
+        self.identity: dict[str, str] = {}
+        self.axis_count = 0
+        self.homed = False
         self.alarm: str | None = CONTROLLER_LOST
         self.lost = True
         self.locked = False
@@ -125,7 +137,17 @@ class GrblMonitor:
                 alarm=self.alarm,
                 lasers=dict(self._lasers),
                 lasers_ns=self.lasers_ns,
+                homed=self.homed,
+                firmware=self.firmware,
             )
+
+    @property
+    def firmware(self) -> str:
+        """Name and version of the firmware, '' before the connection."""
+        if self.lost or not self._started:
+            return ''
+        version = self.banner.version if self.banner else ''
+        return f'{self.dialect.name.split()[0]} {version}'.strip()
 
     def query_due(self) -> bool:
         """Return whether a status query is due, and if so note it as sent: the caller sends it."""
@@ -151,17 +173,25 @@ class GrblMonitor:
         """
         with self._changed:
             if isinstance(line, protocol.Setting):
-                self.readings.add(line.number, line.value)
+                self._handle_setting(line)
+            elif isinstance(line, protocol.Feedback):
+                self.identity[line.key] = line.value
             elif isinstance(line, protocol.StatusReport):
                 self._heard_at, self._first_unanswered = time.monotonic(), None
                 self._handle_report(line, received_at)
                 self._report_count += 1
             self._changed.notify_all()
 
-    def handle_banner(self, version: str) -> bool:
+    def _handle_setting(self, line: protocol.Setting) -> None:
+        number = self.dialect.number(line.key, self._units.letter, self._units.index)
+        if number is not None and not math.isnan(line.value):
+            self.readings.add(number, line.value)
+
+    def handle_banner(self, banner: protocol.Banner) -> bool:
         """Note that the controller has started; return whether that was expected."""
         with self._changed:
-            self.version = version or self.version
+            if banner.version or self.banner is None:
+                self.banner = banner
             now = time.monotonic()
             expected = now < self._start_expected_until
             self._start_expected_until = min(self._start_expected_until, now + _REPEATED_BANNER)
@@ -169,7 +199,7 @@ class GrblMonitor:
             self._axis.interrupt(now, keeps_position=True)
             self.set_lasers({})
             if not expected:
-                self.alarm = POSITION_LOST
+                self.alarm, self.homed = POSITION_LOST, False
             self._changed.notify_all()
             return expected
 
@@ -178,6 +208,7 @@ class GrblMonitor:
         with self._changed:
             # a controller that is lost stays lost: clear_alarm has to connect again
             self.alarm = self.alarm if self.lost else alarm
+            self.homed = False
             self.locked, self._state = True, 'Alarm'
             self._axis.interrupt(time.monotonic())
             self.set_lasers({})
@@ -187,6 +218,7 @@ class GrblMonitor:
         """Note that the controller cannot be reached."""
         with self._changed:
             self.lost, self.alarm, self._started = True, CONTROLLER_LOST, False
+            self.homed = False
             self._axis.interrupt(time.monotonic())
             self._changed.notify_all()
 
@@ -197,7 +229,8 @@ class GrblMonitor:
         with self._changed:
             self._started, self.lost, self.locked = False, False, False
             self.alarm = CONNECTING
-            self.settings, self.version = {}, ''
+            self.settings, self.banner, self.dialect = {}, None, DIALECTS['Grbl']
+            self.identity, self.axis_count, self.homed = {}, 0, False
             self.readings.clear()
             self._state = ''
             self._axis.begin_connection()
@@ -208,6 +241,13 @@ class GrblMonitor:
         with self._changed:
             self._started = False
             self._start_expected_until = time.monotonic() + _START_TIMEOUT
+
+    def assume_started(self) -> None:
+        """Note that the controller runs, though it sends no banner after a reset."""
+        with self._changed:
+            self._started, self._first_unanswered = True, None
+            self._axis.interrupt(time.monotonic(), keeps_position=True)
+            self.set_lasers({})
 
     def announce_move(self, plan: Trajectory) -> None:
         """Note a move that is about to be sent."""
@@ -311,19 +351,20 @@ class GrblMonitor:
         return time.monotonic() < self._homing_until
 
     def _handle_report(self, report: protocol.StatusReport, received_at: float) -> None:
-        in_inches = self.settings.get(_REPORT_INCHES)
+        self.axis_count = len(report.decimals)
+        in_inches = self.settings.get(REPORT_INCHES)
         has_position = self._axis.update(
             report,
             (self._queried_at, max(received_at, self._queried_at)),
             waiting=self._waiting,
             in_inches=None if in_inches is None else bool(in_inches),
-            max_rate=self.settings.get(_MAX_RATE + self._units.index, 0.0) / 60,
+            max_rate=self.settings.get(MAX_RATE + self._units.index, 0.0) / 60,
         )
         if not has_position:
             return
         self._state = report.state
         if self._axis.lost:
-            self.alarm = self.alarm or POSITION_LOST
+            self.alarm, self.homed = self.alarm or POSITION_LOST, False
         self._update_alarm(report)
         if report.outputs is not None:
             self._check_outputs(report.outputs)
@@ -334,13 +375,13 @@ class GrblMonitor:
             self.alarm = 'LOCKED' if self.alarm in (None, CONNECTING) else self.alarm
         elif report.state in ('Door', 'Check', 'Sleep'):
             self.alarm = self.alarm or report.state.upper()
-        elif report.state == 'Hold' and not self._waiting:
-            # the hold button of the controller was pressed
-            self.alarm = self.alarm or 'HOLD'
+        elif report.state in ('Hold', 'Tool') and not self._waiting:
+            # the hold button of the controller was pressed, or it waits for a tool
+            self.alarm = self.alarm or report.state.upper()
 
     def _check_outputs(self, letters: str) -> None:
         on = {
-            name: any(letter in letters for letter in _OUTPUT_LETTERS[output])
+            name: any(letter in letters for letter in _OUTPUT_LETTERS.get(output, ()))
             for name, output in self._outputs.items()
         }
         unexpected = [name for name in on if on[name] and not self._lasers[name]]

@@ -1,13 +1,16 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Parser of the lines that a GRBL 1.1 controller sends.
+Parser of the lines that controllers of the GRBL family send.
 
-Source: the interface description of GRBL 1.1 (github.com/gnea/grbl, doc/markdown/interface.md).
+Sources: the interface description of GRBL 1.1 (github.com/gnea/grbl, doc/markdown/interface.md),
+report.c of GRBL 0.9j (github.com/grbl/grbl), report.c of grblHAL (github.com/grblHAL/core),
+Report.cpp of FluidNC (github.com/bdring/FluidNC), report.c of Horus (github.com/bqlabs/horus-fw).
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+import math
 import re
 
 # Realtime bytes: soft reset (also turns spindle and coolant off at once), feed hold, resume,
@@ -17,7 +20,12 @@ HOLD = b'!'
 RESUME = b'~'
 STATUS = b'?'
 
-STATES = ('Idle', 'Run', 'Hold', 'Jog', 'Alarm', 'Door', 'Check', 'Home', 'Sleep')
+# Queue is the state of GRBL 0.9 and Horus after a feed hold, Tool that of a grblHAL that waits for
+# a tool change.
+STATES = (
+    *('Idle', 'Run', 'Hold', 'Jog', 'Alarm', 'Door', 'Check', 'Home', 'Sleep'),
+    *('Queue', 'Tool'),
+)
 
 # Codes that a user may meet, and what they mean (doc/csv of GRBL 1.1).
 ERRORS = {
@@ -46,17 +54,19 @@ ALARMS = {
 @dataclass(frozen=True, kw_only=True)
 class Response:
     """
-    ``ok`` or ``error:<number>`` as response to a line that was sent.
+    ``ok``, ``error:<number>`` or ``error: <text>`` as response to a line that was sent.
 
-    error : the number, None for ``ok``
+    error : the number, UNNUMBERED for a text without one, None for ``ok``
+    text : of an error, '' for a number
     """
 
     error: int | None = None
+    text: str = ''
 
 
 @dataclass(frozen=True, kw_only=True)
 class Alarm:
-    """``ALARM:<number>``; the controller is locked from now on."""
+    """``ALARM:<number>`` or ``ALARM: <text>``; the controller is locked from now on."""
 
     number: int
 
@@ -67,9 +77,11 @@ class Banner:
     ``Grbl 1.1h [...]``, sent at each start and after each reset.
 
     version : as ``1.1h``, '' if bytes of it were lost
+    firmware : one of FIRMWARES, '' if bytes of it were lost
     """
 
     version: str
+    firmware: str = ''
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +94,7 @@ class StatusReport:
     machine : positions of the axes in machine coordinates, controller units
     work, offset : the same in work coordinates, and machine - work
     outputs : letters of the outputs that are on (S or C for spindle, F for coolant)
-    inches : whether the positions have the format of inches ($13=1), with four decimals
+    decimals : of the positions, by axis: three of millimeters and degrees, four of inches ($13=1)
     """
 
     state: str
@@ -91,48 +103,93 @@ class StatusReport:
     work: tuple[float, ...] | None = None
     offset: tuple[float, ...] | None = None
     outputs: str | None = None
-    inches: bool = False
+    decimals: tuple[int, ...] = ()
+
+    def inches(self, index: int) -> bool:
+        """
+        Return whether the position of an axis is in inches.
+
+        :raises IndexError: there is no such axis
+        """
+        return self.decimals[index] == _INCH_DECIMALS
 
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """``$<number>=<value>``, one line of the response to ``$$``."""
+    """
+    ``$<key>=<value>``, one line of a listing of settings.
 
-    number: int
+    key : a number, or a path in FluidNC, as ``/axes/x/max_rate_mm_per_min``
+    value : of the number, 1 or 0 of ``true`` or ``false``; NaN for another text
+    """
+
+    key: str
     value: float
 
 
 @dataclass(frozen=True, kw_only=True)
 class Feedback:
-    """``[...]``, a message for a human reader."""
+    """
+    ``[...]``, information for a human reader or about the firmware.
 
-    text: str
+    key, value : before and after the first colon, as of ``[AXS:4:XYZA]``; without a colon the key
+        is ''
+    """
+
+    key: str
+    value: str
 
 
 Line = Response | Alarm | Banner | StatusReport | Setting | Feedback
+
+_ALARM_NAME = 'ALARM_'
+UNNUMBERED = 0  # error or alarm of GRBL 0.9 whose text has no number of GRBL 1.1
+FIRMWARES = ('Grbl', 'grblHAL', 'FluidNC', 'Horus')
 
 _INCH_DECIMALS = 4
 _POSITIONS = {'MPos': 'machine', 'WPos': 'work', 'WCO': 'offset'}
 # A banner is recognized by its begin or its end, because a restart that is missed is a position
 # that is lost without notice. grblHAL and FluidNC put their names into it.
-_BANNER_MARKS = ('Grbl', 'for help]')
+_BANNER_MARKS = ('Grbl', 'Horus', 'for help]')
 _BANNER_VERSION = re.compile(r'\d+\.\d+[a-z]*')
+# FluidNC and GrblHAL contain the name Grbl as well.
+_BANNER_FIRMWARE = {'FluidNC': 'FluidNC', 'GrblHAL': 'grblHAL', 'Horus': 'Horus', 'Grbl': 'Grbl'}
 # Three decimals are millimeters or degrees, four are inches; one lost byte changes the format.
 _NUMBER = re.compile(r'-?\d+\.(\d{3,4})')
+# Texts of GRBL 0.9 and Horus for what GRBL 1.1 numbers.
+_ALARM_TEXTS = {'Hard/soft limit': 1, 'Hard limit': 1, 'Soft limit': 2, 'Abort during cycle': 3}
+_ERROR_TEXTS = {
+    'Expected command letter': 1,
+    'Bad number format': 2,
+    'Invalid statement': 3,
+    'Setting disabled': 5,
+    'Homing not enabled': 5,
+    'Not idle': 8,
+    'Alarm lock': 9,
+    'Line overflow': 11,
+    'Undefined feed rate': 22,
+}
+_ERROR_ID = re.compile(r'Invalid gcode ID:(\d{1,3})')
+_BOOLEANS = {'true': 1.0, 'false': 0.0}
 _LINES: tuple[tuple[re.Pattern[str], Callable[[re.Match[str]], Line]], ...] = (
     (re.compile(r'ok'), lambda match: Response()),
     (re.compile(r'error:(\d{1,3})'), lambda match: Response(error=int(match[1]))),
+    (re.compile(r'error: ([A-Z].*)'), lambda match: _text_error(match[1])),
     (re.compile(r'ALARM:(\d{1,3})'), lambda match: Alarm(number=int(match[1]))),
     (
-        re.compile(r'\$(\d{1,3})=(-?\d+(?:\.\d{3})?)(?: \([^$<>]*)?'),
-        lambda match: Setting(number=int(match[1]), value=float(match[2])),
+        re.compile(r'ALARM: ([A-Z].*)'),
+        lambda match: Alarm(number=_ALARM_TEXTS.get(match[1], UNNUMBERED)),
     ),
-    (re.compile(r'\[(.*)\]'), lambda match: Feedback(text=match[1])),
+    (
+        re.compile(r'\$(\d{1,3}|/[\w/]+)=([^$<>=(]*?)(?: \([^$<>]*)?'),
+        lambda match: Setting(key=match[1], value=_setting_value(match[2])),
+    ),
+    (re.compile(r'\[(?:([^\[\]:]*):)?(.*)\]'), lambda match: _feedback(match[1], match[2])),
 )
 
 
 def parse(text: str) -> Line | None:
-    """Return the parsed line, None if it is no line of GRBL (damaged by a transmission error)."""
+    """Return the parsed line, None if it is no line of the GRBL family, or is damaged."""
     if text.startswith('<'):
         return _parse_report(text)
     for pattern, build in _LINES:
@@ -140,20 +197,49 @@ def parse(text: str) -> Line | None:
             return build(match)
     if any(mark in text for mark in _BANNER_MARKS):
         version = _BANNER_VERSION.search(text)
-        return Banner(version=version[0] if version else '')
+        firmware = next((name for mark, name in _BANNER_FIRMWARE.items() if mark in text), '')
+        return Banner(version=version[0] if version else '', firmware=firmware)
     return None
+
+
+def name_alarm(line: Alarm) -> str:
+    """Return the name of an alarm, see ControllerState.alarm."""
+    return f'{_ALARM_NAME}{line.number}'
+
+
+def describe_alarm(name: str) -> str:
+    """Return the name of an alarm with its meaning."""
+    number = name.removeprefix(_ALARM_NAME)
+    meaning = ALARMS.get(int(number), '') if number.isdecimal() else ''
+    return f'{name} ({meaning})' if meaning else name
+
+
+def _text_error(text: str) -> Response:
+    identified = _ERROR_ID.fullmatch(text)
+    number = int(identified[1]) if identified else _ERROR_TEXTS.get(text, UNNUMBERED)
+    return Response(error=number, text=text)
+
+
+def _setting_value(text: str) -> float:
+    if text in _BOOLEANS:
+        return _BOOLEANS[text]
+    return float(text) if re.fullmatch(r'-?\d+(\.\d+)?', text, re.ASCII) else math.nan
+
+
+def _feedback(key: str | None, value: str) -> Feedback:
+    return Feedback(key=(key or '').strip(), value=value.strip())
 
 
 def _parse_report(text: str) -> StatusReport | None:
     # a second bracket: the line end between two reports was lost
     if not text.endswith('>') or '<' in text[1:] or '>' in text[:-1]:
         return None
-    state, *fields = text[1:-1].split('|')
+    state, fields = _split_report(text[1:-1])
     name, colon, substate = state.partition(':')
-    if name not in STATES or (colon and not substate.isdecimal()):
+    if name not in STATES or (colon and not (substate.isascii() and substate.isdigit())):
         return None
     positions: dict[str, tuple[float, ...]] = {}
-    formats: set[int] = set()
+    formats: set[tuple[int, ...]] = set()
     outputs = None
     for field in fields:
         key, _, value = field.partition(':')
@@ -161,7 +247,7 @@ def _parse_report(text: str) -> StatusReport | None:
             matches = [_NUMBER.fullmatch(part) for part in value.split(',')]
             if None in matches or _POSITIONS[key] in positions:
                 return None
-            formats.update(len(match[1]) for match in matches if match)
+            formats.add(tuple(len(match[1]) for match in matches if match))
             positions[_POSITIONS[key]] = tuple(float(match[0]) for match in matches if match)
         elif key == 'Ov':
             # GRBL reports outputs with the overrides; without a field A all are off
@@ -174,6 +260,21 @@ def _parse_report(text: str) -> StatusReport | None:
         state=name,
         substate=int(substate) if substate else None,
         outputs=outputs,
-        inches=formats == {_INCH_DECIMALS},
+        decimals=formats.pop(),
         **positions,
     )
+
+
+def _split_report(text: str) -> tuple[str, list[str]]:
+    """Return the state and the fields of a report, also of GRBL 0.9, which has commas only."""
+    if '|' in text:
+        state, *fields = text.split('|')
+        return state, fields
+    state, *rest = text.split(',')
+    fields = []
+    for part in rest:
+        if ':' in part or not fields:
+            fields.append(part)
+        else:
+            fields[-1] += f',{part}'
+    return state, fields

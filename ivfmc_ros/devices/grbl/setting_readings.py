@@ -45,5 +45,5 @@ class SettingReadings:
         return [
             number
             for number in numbers
-            if number not in settled and (self._readings[number] or self._listings < _NEEDED)
+            if number not in settled and (self._readings.get(number) or self._listings < _NEEDED)
         ]

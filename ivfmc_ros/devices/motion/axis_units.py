@@ -4,7 +4,7 @@
 
 import math
 
-_AXIS_LETTERS = 'XYZABC'  # in the order in which GRBL reports them
+_AXIS_LETTERS = 'XYZABC'  # in the order in which most controllers report them
 
 
 class AxisUnits:
@@ -15,6 +15,7 @@ class AxisUnits:
     homing or with every turn.
 
     letter : of the axis, one of XYZABC
+    index : of the axis in the controller's reports
     units_per_turn : controller units per turn, negative if positive units turn clockwise
     """
 
@@ -24,6 +25,10 @@ class AxisUnits:
         self._units_per_turn = abs(units_per_turn)
         self._radians_per_unit = 2 * math.pi / units_per_turn
         self._turn_offset = 0  # turns by which unwrapped units exceed those of the controller
+
+    def select(self, letter: str, index: int) -> None:
+        """Take another axis, after the controller has named those that it has."""
+        self.letter, self.index = letter, index
 
     def to_radians(self, units: float) -> float:
         """Return the table position of unwrapped units."""

@@ -127,3 +127,18 @@ def _time_to_travel(segment: Segment, distance: float) -> float:
 def shift(trajectory: Trajectory, offset: float) -> Trajectory:
     """Return the trajectory with ``offset`` added to all positions."""
     return tuple(replace(segment, position=segment.position + offset) for segment in trajectory)
+
+
+def cruise_speed(distance: float, seconds: float, acceleration: float) -> float:
+    """
+    Return the speed at which a trapezoidal move of ``distance`` takes ``seconds``.
+
+    Solves v^2 - a t v + a d = 0 for the smaller v, in the form without cancellation.
+
+    distance, acceleration : radians and rad/s^2, not negative
+    :returns: rad/s, infinite if no speed is high enough
+    """
+    discriminant = (acceleration * seconds) ** 2 - 4 * acceleration * distance
+    if discriminant < 0.0:
+        return math.inf
+    return 2 * distance / (seconds + math.sqrt(discriminant) / acceleration)

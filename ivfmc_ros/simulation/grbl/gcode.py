@@ -1,7 +1,8 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Parser of G-code blocks with the error numbers of GRBL 1.1 (gcode.c), for an emulation."""
+"""Parser of G-code blocks with the error numbers of GRBL (gcode.c), for an emulation."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
 import re
@@ -10,7 +11,7 @@ _WORD = re.compile(r'([A-Z])([-+]?(?:\d+\.?\d*|\.\d+))')
 _COMMENT = re.compile(r'\([^)]*\)?|;.*')
 
 # Modal groups: a block may have one code of each.
-_GROUPS = {
+GRBL_GROUPS: Mapping[str, tuple[str, ...]] = {
     'motion': ('G0', 'G1'),
     'dwell': ('G4', 'G53'),
     'plane': ('G17',),
@@ -22,8 +23,15 @@ _GROUPS = {
     'spindle': ('M3', 'M4', 'M5'),
     'coolant': ('M8', 'M9'),
 }
-_GROUP_OF = {code: group for group, codes in _GROUPS.items() for code in codes}
-_VALUES = 'FNPSTXYZ'
+HORUS_GROUPS: Mapping[str, tuple[str, ...]] = {
+    'motion': ('G1',),
+    'origin': ('G50',),
+    'end': ('M0', 'M2'),
+    'motor': ('M17', 'M18'),
+    'sensor': ('M50',),
+    'laser': ('M70', 'M71'),
+}
+_VALUES = 'FNPST'
 
 # Error numbers of GRBL 1.1.
 BAD_LETTER, BAD_NUMBER, NEGATIVE = 1, 2, 4
@@ -46,15 +54,12 @@ class GcodeBlock:
 
     codes : G or M code by modal group
     values : values by letter
+    moves : whether the block names a target position
     """
 
     codes: dict[str, str] = field(default_factory=dict)
     values: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def moves(self) -> bool:
-        """Whether the block names a target position."""
-        return any(axis in self.values for axis in 'XYZ')
+    moves: bool = False
 
 
 def clean(text: str) -> str:
@@ -62,10 +67,14 @@ def clean(text: str) -> str:
     return ''.join(_COMMENT.sub('', text).split()).upper()
 
 
-def parse_block(text: str) -> GcodeBlock:
+def parse_block(
+    text: str, axes: str = 'XYZ', groups: Mapping[str, tuple[str, ...]] = GRBL_GROUPS
+) -> GcodeBlock:
     """
     Return the block of a cleaned line.
 
+    axes : letters of the axes
+    groups : codes that the controller knows, by modal group
     :raises GcodeError: with the error number of GRBL
     """
     codes: dict[str, str] = {}
@@ -76,24 +85,31 @@ def parse_block(text: str) -> GcodeBlock:
         if match is None:
             raise GcodeError(BAD_NUMBER if text[at].isalpha() else BAD_LETTER)
         at = match.end()
-        _add_word(match[1], float(match[2]), codes, values)
-    return GcodeBlock(codes=codes, values=values)
-
-
-def _add_word(letter: str, value: float, codes: dict[str, str], values: dict[str, float]) -> None:
-    if letter in 'GM':
-        if value != int(value):
-            raise GcodeError(UNSUPPORTED if letter == 'G' else NOT_WHOLE)
-        code = f'{letter}{int(value)}'
-        group = _GROUP_OF.get(code)
-        if group is None:
+        if match[1] in 'GM':
+            _add_code(match[1], float(match[2]), codes, groups)
+        elif match[1] in _VALUES + axes:
+            _add_value(match[1], float(match[2]), values)
+        else:
             raise GcodeError(UNSUPPORTED)
-        if group in codes:
-            raise GcodeError(TWO_MOTIONS if group == 'motion' else TWICE_IN_GROUP)
-        codes[group] = code
-        return
-    if letter not in _VALUES:
+    moves = any(axis in values for axis in axes)
+    return GcodeBlock(codes=codes, values=values, moves=moves)
+
+
+def _add_code(
+    letter: str, value: float, codes: dict[str, str], groups: Mapping[str, tuple[str, ...]]
+) -> None:
+    if value != int(value):
+        raise GcodeError(UNSUPPORTED if letter == 'G' else NOT_WHOLE)
+    code = f'{letter}{int(value)}'
+    group = next((name for name, known in groups.items() if code in known), None)
+    if group is None:
         raise GcodeError(UNSUPPORTED)
+    if group in codes:
+        raise GcodeError(TWO_MOTIONS if group == 'motion' else TWICE_IN_GROUP)
+    codes[group] = code
+
+
+def _add_value(letter: str, value: float, values: dict[str, float]) -> None:
     if letter in values:
         raise GcodeError(REPEATED)
     if letter in 'FNPST' and value < 0:

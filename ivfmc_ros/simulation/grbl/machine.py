@@ -1,7 +1,7 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Emulation of a GRBL 1.1 controller: bytes in, bytes out, one axis, two outputs.
+Emulation of a controller of the GRBL family: bytes in, bytes out, one axis, two outputs.
 
 Responses were compared with GRBL 1.1h of 2019-08-30, built from its sources for a computer.
 """
@@ -11,15 +11,16 @@ import math
 import re
 
 from ivfmc_ros.devices.motion.trajectory import Trajectory
+from ivfmc_ros.simulation.emulated_axis import EmulatedAxis
 from ivfmc_ros.simulation.grbl import gcode
-from ivfmc_ros.simulation.grbl.axis import GrblAxis
+from ivfmc_ros.simulation.grbl.firmware import EMULATED
+from ivfmc_ros.simulation.grbl.firmware import EmulatedFirmware
 from ivfmc_ros.simulation.grbl.gcode import GcodeBlock
 from ivfmc_ros.simulation.grbl.gcode import GcodeError
-from ivfmc_ros.simulation.grbl.modal_state import LaserOutputs
 from ivfmc_ros.simulation.grbl.modal_state import ModalState
 from ivfmc_ros.simulation.grbl.report import ReportFormatter
+from ivfmc_ros.simulation.laser_outputs import LaserOutputs
 
-BANNER = "\r\nGrbl 1.1h ['$' for help]\r\n"
 RX_CAPACITY = 127  # bytes of the receive buffer
 MAX_LINE_LENGTH = 79  # characters; longer lines are error 11
 
@@ -31,8 +32,10 @@ SETTINGS: dict[int, float] = {
     **{100: 160, 101: 250, 102: 250, 110: 7200, 111: 500, 112: 500},
     **{120: 360, 121: 10, 122: 10, 130: 200, 131: 200, 132: 200},
 }
-_REPORT_INCHES, _HOMING_ENABLED = 13, 22
-_SETTING = re.compile(r'(\d+)=(-?\d+\.?\d*)')
+_REPORT_INCHES, _HOMING_ENABLED, _MAX_SPINDLE = 13, 22, 30
+_SETTING = re.compile(r'(\d+|/[\w/]+)=(-?\d+\.?\d*)')
+_HORUS_LASER_S = 255.0  # seconds after which Horus turns a laser off by itself
+_MESSAGE_PERIOD = 3  # responses from one message at any time to the next
 
 # Returns at a time (seconds) whether the controller need not wait any longer.
 _WaitCondition = Callable[[float], bool]
@@ -42,9 +45,10 @@ class GrblMachine:
     """
     The controller. Times are steady seconds, positions are controller units (degrees).
 
-    on_motion : called with the time and the trajectory of the table, see GrblAxis
+    on_motion : called with the time and the trajectory of the table, see EmulatedAxis
     on_outputs : called with the time and the outputs when these change
     clock_scale : controller seconds per second; a ceramic resonator is good to 0.5 %
+    firmware : that is emulated
     banner : sent at each start
     """
 
@@ -54,10 +58,14 @@ class GrblMachine:
         on_motion: Callable[[float, Trajectory], None],
         on_outputs: Callable[[float, LaserOutputs], None],
         clock_scale: float = 1.0,
+        firmware: EmulatedFirmware = EMULATED['grbl'],
     ) -> None:
-        self.settings = dict(SETTINGS)
-        self.banner = BANNER
-        self.axis = GrblAxis(self.settings, on_motion, clock_scale)
+        self.settings = _settings(firmware)
+        self.firmware = firmware
+        self.banner = firmware.banner
+        self.axis = EmulatedAxis(self.settings, on_motion, clock_scale, index=firmware.index)
+        self._responses = 0
+        self._dark_at = math.inf
         self._on_outputs = on_outputs
         self._outputs = LaserOutputs()
         self._tx = bytearray()
@@ -66,7 +74,7 @@ class GrblMachine:
         self._rx = bytearray()
         self._wait_condition: _WaitCondition | None = None
         self._dwell_until = math.inf
-        self._modal_state, self._formatter = ModalState(), ReportFormatter()
+        self._modal_state, self._formatter = ModalState(), ReportFormatter(firmware)
 
     # -- power and the serial line
 
@@ -77,7 +85,16 @@ class GrblMachine:
         self._reset_state()
         self._powered = True
         self._locked = bool(self.settings[_HOMING_ENABLED])
+        self._send(self.firmware.boot)
         self._send_banner(now)
+
+    def power_off(self, now: float) -> None:
+        """Lose the supply: all outputs go off, and the axis stops at once."""
+        self.axis.kill(now)
+        self._reset_state()
+        self._powered = self._locked = False
+        self._tx.clear()
+        self._update_outputs(now)
 
     def feed(self, data: bytes, now: float) -> None:
         """Receive bytes."""
@@ -94,6 +111,9 @@ class GrblMachine:
 
     def advance(self, now: float) -> None:
         """Do everything that is due until ``now``."""
+        if now >= self._dark_at:
+            self._dark_at = math.inf
+            self._modal_state.switch_outputs({'spindle': 'M5', 'coolant': 'M9'})
         while self._powered and (self.axis.advance(now) or self._advance_lines(now)):
             self._update_outputs(now)
         self._update_outputs(now)
@@ -107,16 +127,16 @@ class GrblMachine:
     @property
     def next_event(self) -> float:
         """Time at which ``advance`` has something to do, infinite if it waits for bytes."""
-        return min(self.axis.next_event, self._dwell_until)
+        return min(self.axis.next_event, self._dwell_until, self._dark_at)
 
     def alarm(self, number: int, now: float) -> None:
         """Raise an alarm, as a limit switch does."""
         self.axis.kill(now)
         self._reset_state()
         self._locked = True
-        self._send(f'ALARM:{number}\r\n')
+        self._send(self.firmware.alarm(number))
         if number in (1, 2):
-            self._send('[MSG:Reset to continue]\r\n')
+            self._send(self.firmware.message('Reset to continue'))
             self._needs_reset = True
         self._update_outputs(now)
 
@@ -146,7 +166,7 @@ class GrblMachine:
             self._report_pending = True  # answered when homing has finished
             return
         position, velocity = self.axis.state_at(now)
-        outputs = self._present_outputs()
+        outputs = self.present_outputs()
         self._send(
             self._formatter.status_line(
                 state=self._state,
@@ -168,17 +188,18 @@ class GrblMachine:
 
     def _reset(self, now: float) -> None:
         homing, locked = self.axis.state == 'Home', self._locked and not self._needs_reset
-        moved = self.axis.kill(now)
+        held = self.firmware.old and self.axis.state == 'Hold'
+        moved = self.axis.kill(now) or held
         self._reset_state()
         self._locked = moved or locked
         if moved:
-            self._send(f'ALARM:{6 if homing else 3}\r\n')
+            self._send(self.firmware.alarm(6 if homing else 3))
         self._send_banner(now)
 
     def _send_banner(self, now: float) -> None:
         self._send(self.banner)
         if self._locked:
-            self._send("[MSG:'$H'|'$X' to unlock]\r\n")
+            self._send(self.firmware.message("'$H'|'$X' to unlock"))
         self._update_outputs(now)
 
     # -- lines
@@ -191,7 +212,7 @@ class GrblMachine:
             if not self._wait_condition(now):
                 return self.axis.start(now)
             self._wait_condition, self._dwell_until = None, math.inf
-            self._send('ok\r\n')
+            self._respond()
             return True
         text, found, rest = bytes(self._rx).replace(b'\r', b'\n').partition(b'\n')
         if not found:
@@ -209,14 +230,24 @@ class GrblMachine:
             elif line and self._locked:
                 raise GcodeError(9)
             else:
-                self._execute_block(gcode.parse_block(line))
+                firmware = self.firmware
+                self._execute_block(gcode.parse_block(line, firmware.axes, firmware.groups), now)
         except GcodeError as error:
-            self._send(f'error:{error.number}\r\n')
+            self._send(self.firmware.error(error.number))
             return
         if self._wait_condition is None:
-            self._send('ok\r\n')
+            self._respond()
 
-    def _execute_block(self, block: GcodeBlock) -> None:
+    def _respond(self) -> None:
+        """Send ok; some firmwares send messages at any time, so also right before it."""
+        messages = self.firmware.messages
+        self._responses += 1
+        if messages and self._responses % _MESSAGE_PERIOD == 0:
+            number = self._responses // _MESSAGE_PERIOD % len(messages)
+            self._send(f'{messages[number]}\r\n')
+        self._send('ok\r\n')
+
+    def _execute_block(self, block: GcodeBlock, now: float) -> None:
         self._modal_state.apply(block)
         codes = dict(block.codes)
         if codes.get('end') in ('M2', 'M30'):
@@ -225,12 +256,18 @@ class GrblMachine:
         if codes.get('dwell') == 'G4':
             self._wait_condition = self._dwell(block.values['P'])
             return
+        if 'laser' in codes:
+            self._modal_state.speed = self.settings[_MAX_SPINDLE]
+            codes = _laser_codes(codes['laser'], block.values.get('T', 0.0))
+            self._dark_at = now + _HORUS_LASER_S
         if 'spindle' in codes or 'coolant' in codes:
             self._wait_condition = lambda now: self.axis.drained and self._switch_outputs(codes)
-        if 'X' in block.values:
+        if self.firmware.axis in block.values:
             feed = None if self._modal_state.motion == 'G0' else self._modal_state.feed
+            if feed is not None and 'motor' in self.firmware.groups:
+                feed *= 60.0  # Horus: degrees per second
             relative = self._modal_state.distance == 'G91'
-            self.axis.queue_move(block.values['X'], relative, feed)
+            self.axis.queue_move(block.values[self.firmware.axis], relative, feed)
             if self.axis.planner_full and self._wait_condition is None:
                 self._wait_condition = lambda now: not self.axis.planner_full
 
@@ -250,16 +287,18 @@ class GrblMachine:
     def _execute_system_command(self, command: str, now: float) -> None:
         setting = _SETTING.fullmatch(command)
         if setting:
-            self._change_setting(int(setting[1]), float(setting[2]))
+            self._change_setting(setting[1], float(setting[2]))
         elif command == 'H':
             self._home(now)
         elif command == 'X':
-            self._send('[MSG:Caution: Unlocked]\r\n' if self._locked else '')
+            self._send(self.firmware.message('Caution: Unlocked') if self._locked else '')
             self._locked = False
         elif command == '$' and self.axis.state != 'Idle':
             raise GcodeError(8)
         elif command in self._listings:
             self._send(self._listings[command]())
+        elif listed := self._formatter.setting(command.lower(), self.settings):
+            self._send(listed)
         else:
             raise GcodeError(3 if command[:1].isdecimal() else 2)
 
@@ -268,7 +307,7 @@ class GrblMachine:
         return {
             '': self._formatter.help,
             '$': lambda: self._formatter.settings(self.settings),
-            'I': lambda: '[VER:1.1h.20190830:]\r\n[OPT:V,15,128]\r\n',
+            'I': lambda: self.firmware.identity,
             'G': self._modal_state.format,
         }
 
@@ -289,10 +328,11 @@ class GrblMachine:
             self._report_status(now)
         return True
 
-    def _change_setting(self, number: int, value: float) -> None:
+    def _change_setting(self, key: str, value: float) -> None:
+        number = int(key) if key.isdecimal() else self._formatter.path_number(key.lower())
         if self.axis.state != 'Idle':
             raise GcodeError(8)
-        if number not in self.settings:
+        if number is None or number not in self.settings:
             raise GcodeError(3)
         if value < 0:
             raise GcodeError(4)
@@ -300,11 +340,12 @@ class GrblMachine:
 
     # -- outputs
 
-    def _present_outputs(self) -> LaserOutputs:
+    def present_outputs(self) -> LaserOutputs:
+        """Return the outputs."""
         return self._modal_state.outputs(self.settings, self.axis.state == 'Run', self.axis.held)
 
     def _update_outputs(self, now: float) -> None:
-        outputs = self._present_outputs()
+        outputs = self.present_outputs()
         if outputs != self._outputs:
             self._outputs = outputs
             self._on_outputs(now, outputs)
@@ -315,7 +356,25 @@ class GrblMachine:
         self._wait_condition = None
         self._dwell_until = math.inf
         self._needs_reset = self._report_pending = False
-        self._modal_state, self._formatter = ModalState(), ReportFormatter()
+        self._modal_state = ModalState()
+        self._formatter = ReportFormatter(self.firmware)
+        self._dark_at = math.inf
 
     def _send(self, text: str) -> None:
         self._tx += text.encode('ascii')
+
+
+def _settings(firmware: EmulatedFirmware) -> dict[int, float]:
+    """Return the settings with those of the table at the axis that turns it."""
+    settings = dict(SETTINGS)
+    for first in (100, 110, 120, 130):
+        settings[first + firmware.index] = SETTINGS[first]
+    return settings
+
+
+def _laser_codes(code: str, number: float) -> dict[str, str]:
+    """Return the codes of GRBL for a laser of Horus: 1 on the first output, 2 on the second."""
+    is_on = code == 'M71'
+    if number == 1:
+        return {'spindle': 'M3' if is_on else 'M5'}
+    return {'coolant': 'M8' if is_on else 'M9'} if number == 2 else {}

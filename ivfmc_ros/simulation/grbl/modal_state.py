@@ -8,20 +8,9 @@ from dataclasses import dataclass
 from ivfmc_ros.simulation.grbl import gcode
 from ivfmc_ros.simulation.grbl.gcode import GcodeBlock
 from ivfmc_ros.simulation.grbl.gcode import GcodeError
+from ivfmc_ros.simulation.laser_outputs import LaserOutputs
 
 _MAX_SPINDLE, _LASER_MODE = 30, 32  # numbers of ``$`` settings
-
-
-@dataclass(frozen=True, kw_only=True)
-class LaserOutputs:
-    """
-    Power of the two outputs that lasers are wired to.
-
-    spindle : 0 to 1 of full power; coolant : 0 or 1
-    """
-
-    spindle: float = 0.0
-    coolant: float = 0.0
 
 
 @dataclass(kw_only=True)

@@ -15,9 +15,9 @@ from ivfmc_ros.errors import ControllerLostError
 DRIVER = (
     'import sys, time\n'
     'from ivfmc_ros.devices.grbl.controller import GrblController\n'
-    'from ivfmc_ros.devices.grbl.settings import GrblSettings\n'
+    'from ivfmc_ros.devices.settings import ControllerSettings\n'
     'controller = GrblController(\n'
-    '    GrblSettings(port=sys.argv[1], lasers={"left": "spindle", "right": "coolant"})\n'
+    '    ControllerSettings(port=sys.argv[1], lasers={"left": "spindle", "right": "coolant"})\n'
     ')\n'
     'controller.open()\n'
     'controller.set_laser("left")\n'

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Axis of an emulated GRBL controller: queued moves, acceleration, feed hold, homing."""
+"""Axis of an emulated motion controller: queued moves, acceleration, feed hold, homing."""
 
 from collections import deque
 from collections.abc import Callable
@@ -17,7 +17,7 @@ _UNITS_PER_TURN = 360.0
 _STEPS, _MAX_RATE, _ACCELERATION, _SEEK, _PULL_OFF = 100, 110, 120, 25, 27
 
 
-class GrblAxis:
+class EmulatedAxis:
     """
     Motion of one axis. Positions are controller units (degrees), times are steady seconds.
 
@@ -25,6 +25,7 @@ class GrblAxis:
     on_motion : called with the time and the trajectory of the table when it changes; positions
         are physical, they do not start at 0 again with the controller
     clock_scale : controller seconds per second
+    index : of the axis, which counts its settings
     state : GRBL's state, Idle, Run, Hold or Home
     held : whether a feed hold has come to standstill
     """
@@ -34,8 +35,11 @@ class GrblAxis:
         settings: Mapping[int, float],
         on_motion: Callable[[float, Trajectory], None],
         clock_scale: float,
+        *,
+        index: int = 0,
     ) -> None:
         self._settings, self._on_motion, self._scale = settings, on_motion, clock_scale
+        self._index = index
         self._queue: deque[tuple[float, float]] = deque()
         self._position = 0.0
         self._origin = 0.0  # physical position of the controller's 0
@@ -60,6 +64,11 @@ class GrblAxis:
         return len(self._queue) > PLANNER_CAPACITY
 
     @property
+    def target(self) -> float:
+        """Position at the end of all queued moves."""
+        return self._queue[-1][0] if self._queue else self._position
+
+    @property
     def next_event(self) -> float:
         """Time at which the present motion ends, infinite if there is none."""
         return trajectory.end_time(self._motion) if self.moving else math.inf
@@ -74,7 +83,7 @@ class GrblAxis:
     def queue_move(self, x: float, relative: bool, feed: float | None) -> None:
         """Queue a move; ``feed`` in units per minute, None for the maximum rate."""
         last = self._queue[-1][0] if self._queue else self._position
-        limit = self._settings[_MAX_RATE]
+        limit = self._settings[_MAX_RATE + self._index]
         rate = limit if feed is None else min(feed, limit)
         target = self._whole_steps(last + x if relative else x)
         self._queue.append((target, max(rate, 1.0) / 60 * self._scale))
@@ -152,10 +161,11 @@ class GrblAxis:
 
     @property
     def _limit(self) -> float:
-        return self._settings[_ACCELERATION] * self._scale**2
+        return self._settings[_ACCELERATION + self._index] * self._scale**2
 
     def _whole_steps(self, position: float) -> float:
-        return round(position * self._settings[_STEPS]) / self._settings[_STEPS]
+        steps = self._settings[_STEPS + self._index]
+        return round(position * steps) / steps
 
     def _move(self, motion: Trajectory, now: float) -> None:
         self._motion = motion

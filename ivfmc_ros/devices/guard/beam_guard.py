@@ -1,0 +1,122 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Starts the guard process of the beam and gives it the beats of the driver."""
+
+from collections.abc import Callable
+import contextlib
+import os
+from pathlib import Path
+import subprocess
+import sys
+import threading
+
+from ivfmc_ros.devices.controller import OffLine
+from ivfmc_ros.devices.guard import process
+
+# Seconds without a beat until the guard acts. The off bytes take another 0.1 s, and the beam has
+# to be off half a second after the driver hangs.
+TIMEOUT_S = 0.35
+_BEAT_S = 0.05  # seconds between beats
+_END_S = 1.0  # seconds that the guard may take to end
+
+
+class BeamGuard:
+    """
+    The guard process of one driver.
+
+    is_alive, is_lit : return whether the driver's watchdog runs, and whether a laser may be on or
+        the table moves; called 20 times a second in a thread of its own
+    fault : why there is no guard though the controller is connected, '' otherwise
+    """
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+        self._pipe = -1
+        self._ending = threading.Event()
+        self._thread: threading.Thread | None = None
+        self.fault = ''
+
+    def start(
+        self, line: OffLine | None, is_alive: Callable[[], bool], is_lit: Callable[[], bool]
+    ) -> None:
+        """
+        Start the process for a connection; that of an earlier connection ends.
+
+        line : of the controller; None where its port cannot be shared, which is a fault
+        """
+        self.end()
+        if line is None:
+            self.fault = 'no guard of the beam: the port has no file descriptor to share'
+            return
+        steps = [f'{data.hex()}:{seconds}' for data, seconds in line.steps]
+        reading, self._pipe = os.pipe()
+        os.set_blocking(self._pipe, False)
+        command = [sys.executable, '-I', '-S', str(Path(process.__file__)), str(line.handle)]
+        try:
+            self._process = subprocess.Popen(
+                [*command, str(reading), str(TIMEOUT_S), *steps],
+                pass_fds=(line.handle, reading),
+                stdin=subprocess.DEVNULL,
+                # a signal to the group of the driver must not end the guard
+                start_new_session=True,
+            )
+        except OSError as error:
+            self.fault = f'no guard of the beam: {error}'
+            return
+        finally:
+            os.close(reading)
+        self.fault = ''
+        self._ending.clear()
+        self._thread = threading.Thread(
+            target=self._beat, args=(is_alive, is_lit), name='beats', daemon=True
+        )
+        self._thread.start()
+
+    @property
+    def running(self) -> bool:
+        """Whether the process runs."""
+        return self._process is not None and self._process.poll() is None
+
+    @property
+    def pid(self) -> int | None:
+        """Id of the process, None without one."""
+        return None if self._process is None else self._process.pid
+
+    def announce(self) -> None:
+        """Tell the guard that a laser is about to be turned on; the next beat is later."""
+        self._write(process.LIT)
+
+    def end(self) -> None:
+        """End the process; the lasers stay as they are. May be called again."""
+        self._ending.set()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join()
+        self._thread = None
+        if self._pipe >= 0:
+            with contextlib.suppress(OSError):
+                os.write(self._pipe, process.END)
+            os.close(self._pipe)
+            self._pipe = -1
+        if self._process is not None:
+            try:
+                self._process.wait(_END_S)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+            self._process = None
+
+    def _beat(self, is_alive: Callable[[], bool], is_lit: Callable[[], bool]) -> None:
+        while not self._ending.wait(_BEAT_S):
+            if not is_alive():
+                continue
+            self._write(process.LIT if is_lit() else process.DARK)
+            if self.fault:
+                return
+
+    def _write(self, beat: bytes) -> None:
+        try:
+            os.write(self._pipe, beat)
+        except BlockingIOError:
+            pass  # the guard does not read: it is stopped, and has all beats that it needs
+        except OSError:
+            self.fault = 'the guard process of the beam has ended'
