@@ -19,6 +19,7 @@ from ivfmc_ros.errors import CellError
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.image_bits import require_known_bits
 from ivfmc_ros.image_bits import to_full_scale
+from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Frame
 from ivfmc_ros.model import Image
 from ivfmc_ros.model import Profile
@@ -33,8 +34,8 @@ from ivfmc_ros.stripe.clipping import judge_clipping
 from ivfmc_ros.stripe.estimators import DEFAULT
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
+from ivfmc_ros.stripe.extract import rows_with_glare
 from ivfmc_ros.stripe.extract import Stripe
-from ivfmc_ros.stripe.extract import widths_and_glare
 from ivfmc_ros.stripe.glare import expected_width
 from ivfmc_ros.stripe.glare import is_glaring
 from ivfmc_ros.stripe.roi import RegionOfInterest
@@ -53,6 +54,13 @@ _MAX_CUT_FRAMES = 24
 # A scan whose median sigma is above this fraction of the stripe's width shows a translucent
 # material. Measured medians: 0.04 on metal, 0.1 in heavy speckle, 0.5 on wax.
 _TRANSLUCENT_SIGMA = 0.25
+# Unless positions without glare are this share of all, and their median is below this: inter-
+# reflections on metal (0.07 there; 0.24 on a translucent part, pictures of the measured scan).
+_MIN_CLEAN, _CLEAN_SIGMA = 0.1, 0.15
+
+
+def _fixed(method: str) -> str:
+    return DEFAULT if method == 'auto' else method
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,32 +165,45 @@ class Acquisition:
         self.settings = replace(self.settings, extract=extraction)
 
     def _is_translucent(self, frames: Sequence[Frame], settings: ExtractSettings) -> bool:
-        """Tell whether the median uncertainty of the position shows a translucent material."""
+        """
+        Tell whether the median uncertainty of the position shows a translucent material.
+
+        Inter-reflections on metal make most positions uncertain, too, but not those without glare.
+        """
+        stripe, glare = self._everything_found(frames, settings)
+        relative_sigma = stripe.sigma / stripe.width
+        if not len(stripe) or np.median(relative_sigma) <= _TRANSLUCENT_SIGMA:
+            return False
+        clean = relative_sigma[~glare]
+        is_metal = len(clean) > _MIN_CLEAN * len(stripe) and np.median(clean) < _CLEAN_SIGMA
+        return not is_metal
+
+    def _everything_found(
+        self, frames: Sequence[Frame], settings: ExtractSettings
+    ) -> tuple[Stripe, Bools]:
+        """Return all positions of all images, none dropped, and which of them show glare."""
         lenient = replace(
             settings, method=DEFAULT, max_uncertainty=50.0, max_error=50.0, glare='off'
         )
         found = [self._extract(frame, lenient) for frame in frames]
-        parts = [np.zeros(0), *(stripe.sigma / stripe.width for stripe in found)]
-        relative_sigma = np.concatenate(parts)
-        return bool(len(relative_sigma) and np.median(relative_sigma) > _TRANSLUCENT_SIGMA)
+        glare = [
+            rows_with_glare(
+                subtract_ambient(frame),
+                self.cell.lasers[frame.laser].stripe,
+                lenient,
+                self._regions[frame.laser],
+                stripe,
+            )
+            for frame, stripe in zip(frames, found, strict=True)
+        ]
+        return Stripe.concatenated(found), np.concatenate([np.zeros(0, dtype=bool), *glare])
 
     def _with_glare(self, frames: Sequence[Frame], settings: ExtractSettings) -> ExtractSettings:
         """Return the settings with ``glare`` on or off, and the expected width."""
         if settings.glare == 'off' or settings.method != DEFAULT:
             return replace(settings, glare='off')
-        found = [
-            widths_and_glare(
-                subtract_ambient(frame),
-                self.cell.lasers[frame.laser].stripe,
-                settings,
-                self._regions[frame.laser],
-            )
-            for frame in frames
-        ]
-        if not found:
-            return settings
-        widths, glare = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
-        width = settings.expected_width or expected_width(widths)
+        stripe, glare = self._everything_found(frames, settings)
+        width = settings.expected_width or expected_width(stripe.width)
         if width is None:
             return settings
         chosen = 'on' if settings.glare == 'on' or is_glaring(glare) else 'off'
@@ -198,6 +219,8 @@ class Acquisition:
 
     def _extract(self, frame: Frame, settings: ExtractSettings) -> Stripe:
         direction = self.cell.lasers[frame.laser].stripe
+        if settings.glare == 'auto':
+            settings = self._with_glare([frame], replace(settings, method=_fixed(settings.method)))
         if frame.dark is not None:
             settings = replace(settings, noise=noise_of_difference(settings.noise))
         return extract(subtract_ambient(frame), direction, settings, self._regions[frame.laser])

@@ -5,7 +5,8 @@ Extraction of a laser stripe from an image: one sub-pixel position per image row
 
 Peaks above the noise are detected in every row (``peaks``), one peak per row is selected by a
 minimum-cost path along the stripe (``path_search``), and its position is estimated from the
-pixels around it (``estimators``). ``quality`` adds the uncertainty of a non-Gaussian profile.
+pixels around it (``estimators``). ``quality`` adds the uncertainty of a non-Gaussian profile. In
+images with inter-reflections, thin stripes are searched instead (``glare``, ``ridges``).
 """
 
 from collections.abc import Iterator
@@ -20,6 +21,7 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Image
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
+from ivfmc_ros.stripe import glare
 from ivfmc_ros.stripe import path_search
 from ivfmc_ros.stripe import peaks
 from ivfmc_ros.stripe import quality
@@ -69,7 +71,7 @@ def extract(
     """
     settings = settings or ExtractSettings()
     crop = CroppedImage.of(image, stripe, settings, region)
-    rows, u, estimate = _estimates(crop, settings)
+    rows, u, estimate = _estimates_by_glare(crop, settings)
     sigma = estimate.sigma
     noise_sigma = np.zeros_like(sigma) if settings.method in NOISE_INDEPENDENT else sigma
     kept = noise_sigma <= settings.max_error
@@ -91,12 +93,70 @@ def extract(
     return found[kept]
 
 
+def rows_with_glare(
+    image: Image,
+    direction: Direction,
+    settings: ExtractSettings,
+    region: RegionOfInterest | None,
+    found: Stripe,
+) -> Bools:
+    """Return which points of a stripe have broad light beside them, (n,); see ``extract``."""
+    crop = CroppedImage.of(image, direction, settings, region)
+    u, rows = (found.uv if direction == 'rows' else found.uv[:, ::-1]).T
+    return glare.shows_glare(
+        crop,
+        np.rint(rows).astype(np.int64) - crop.first[0],
+        u - crop.first[1],
+        found.width,
+        found.intensity,
+    )
+
+
+def _estimates_by_glare(
+    crop: CroppedImage, settings: ExtractSettings
+) -> tuple[Ints, Floats, PeakEstimate]:
+    """Return the estimates of ``_estimates``, or those of thin stripes with ``glare`` on."""
+    if settings.glare != 'on' or settings.method not in ('auto', DEFAULT):
+        return _estimates(crop, settings)
+    width = settings.expected_width
+    if width is None:
+        width = glare.expected_width(_estimates(crop, settings)[2].width)
+    return _estimates_of([]) if width is None else _glare_estimates(crop, settings, width)
+
+
+def _glare_estimates(
+    crop: CroppedImage, settings: ExtractSettings, width: float
+) -> tuple[Ints, Floats, PeakEstimate]:
+    thin = glare.thin_stripe(crop, settings, width)
+    if not len(thin.rows):
+        return _estimates_of([])
+    estimate = METHODS[DEFAULT](thin.patches, settings.noise or SensorNoise())
+    good = _is_stripe(thin.patches, estimate, settings)
+    u = thin.patches.column + estimate.position
+    good &= _is_inside(crop, u, estimate)
+    thin, u, estimate = thin[good], u[good], estimate[good]
+    good = glare.accepted(thin, u, estimate.width)
+    thin, u, estimate = thin[good], u[good], estimate[good]
+    if not len(u):
+        return _estimates_of([])
+    u, estimate = glare.along_stripe(thin, u, estimate)
+    return thin.rows, u, estimate
+
+
 def _estimates(crop: CroppedImage, settings: ExtractSettings) -> tuple[Ints, Floats, PeakEstimate]:
     """Return the rows (ascending), columns and estimates of all accepted peaks of a crop."""
-    groups = [
-        _estimate(rows, patches, crop, settings)
-        for rows, patches in stripe_patches(crop, settings)
-    ]
+    return _estimates_of(
+        [
+            _estimate(rows, patches, crop, settings)
+            for rows, patches in stripe_patches(crop, settings)
+        ]
+    )
+
+
+def _estimates_of(
+    groups: list[tuple[Ints, Floats, PeakEstimate]],
+) -> tuple[Ints, Floats, PeakEstimate]:
+    """Return groups of estimates as one, rows ascending."""
     if not groups:
         none = np.zeros(0)
         return none.astype(np.int64), none, PeakEstimate(*[none] * len(fields(PeakEstimate)))
@@ -113,14 +173,17 @@ def _estimate(
     method = DEFAULT if settings.method == 'auto' else settings.method
     estimate = METHODS[method](patches, settings.noise or SensorNoise())
     u = patches.column + estimate.position
-    # the border of the image cuts the stripe and biases its position
-    half = _BORDER_MARGIN * estimate.width
-    good = _is_stripe(patches, estimate, settings)
-    left, right = -crop.first[1] - 0.5, crop.columns - crop.first[1] - 0.5
-    good &= (u - half >= left) & (u + half <= right)
+    good = _is_stripe(patches, estimate, settings) & _is_inside(crop, u, estimate)
     if good.all():
         return rows, u, estimate
     return rows[good], u[good], estimate[good]
+
+
+def _is_inside(crop: CroppedImage, u: Floats, estimate: PeakEstimate) -> Bools:
+    """Return which stripes the border of the image does not cut, which would bias them."""
+    half = _BORDER_MARGIN * estimate.width
+    left, right = -crop.first[1] - 0.5, crop.columns - crop.first[1] - 0.5
+    return np.asarray((u - half >= left) & (u + half <= right))
 
 
 def stripe_patches(

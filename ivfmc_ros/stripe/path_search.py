@@ -56,8 +56,8 @@ def select_peaks(peaks: Peaks) -> Ints:
     expected = np.partition(widths, len(widths) // 2)[len(widths) // 2]
     node_costs = _node_costs(local, float(expected))
     transitions = _transition_costs(local, rows) + node_costs.T[None, :, 1:]
-    forward = _path_costs(node_costs[0], transitions)
-    backward = _path_costs(
+    forward = path_costs(node_costs[0], transitions)
+    backward = path_costs(
         np.zeros(node_costs.shape[1], np.float32), transitions[..., ::-1].swapaxes(0, 1)
     )
     chosen[rows] = (forward + backward[:, ::-1]).argmin(axis=0)
@@ -107,7 +107,7 @@ def _transition_costs(peaks: Peaks, rows: Ints) -> Singles:
     )
 
 
-def _path_costs(start: Singles, steps: Singles) -> Singles:
+def path_costs(start: Singles, steps: Singles) -> Singles:
     """
     Return the minimum cost of a path from the first row to each peak of each row.
 

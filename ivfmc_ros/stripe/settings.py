@@ -36,6 +36,10 @@ class ExtractSettings:
     shape_uncertainty : add to sigma the uncertainty due to a profile that is not Gaussian
     least_width : pixels; a stripe with a smaller sigma is taken as cut by an edge; None:
         estimated from the first images of a scan, no limit in a single image
+    glare : search for a thin stripe beside broad light, which inter-reflections on metal cause:
+        on, off, or auto: if the first images of a scan show such light (``extract`` alone: off)
+    expected_width : pixels; sigma of the directly lit stripe for this search; None: from the
+        first images of a scan, or from the single image
     along : rows; sigma of the Gaussian that smooths positions along the stripe; 0: off
     image_bits : significant bits of 16-bit images, 8 to 16, where the camera sends 10, 12 or 14
         bits in the low ones; 0: unknown, and images that look like fewer bits are refused
@@ -55,6 +59,8 @@ class ExtractSettings:
     path: bool = True
     shape_uncertainty: bool = True
     least_width: float | None = None
+    glare: str = 'auto'
+    expected_width: float | None = None
     along: float = 0.0
     image_bits: int = UNKNOWN
     noise: SensorNoise | None = None
@@ -74,9 +80,11 @@ class ExtractSettings:
         require_in_range('max_widening', self.max_widening, 1.0, 50.0, open_low=True)
         require_in_range('along', self.along, 0.0, 50.0, 'rows')
         require_image_bits(self.image_bits)
-        width = self.least_width
-        if width is not None:
-            require_in_range('least_width', width, 0.1, 50.0, 'pixels')
+        require_one_of('glare', self.glare, ('auto', 'on', 'off'))
+        for name in ('least_width', 'expected_width'):
+            width = getattr(self, name)
+            if width is not None:
+                require_in_range(name, width, 0.1, 50.0, 'pixels')
         require_in_range('smoothing', self.smoothing, 1, 31, 'pixels')
         if self.smoothing % 2 == 0:
             raise ParameterError(f'smoothing: {self.smoothing} is out of range; it must be odd')

@@ -2,7 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The laser stripe of one image: sub-pixel positions with width and uncertainty."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
@@ -25,6 +28,19 @@ class Stripe:
     intensity: Floats
     width: Floats
     sigma: Floats
+
+    @classmethod
+    def concatenated(cls, parts: Sequence['Stripe']) -> 'Stripe':
+        """Return the entries of several images as one."""
+        none = np.zeros(0)
+
+        def joined(name: str) -> Floats:
+            return np.concatenate([none, *(getattr(part, name) for part in parts)])
+
+        uv = np.concatenate([np.zeros((0, 2)), *(part.uv for part in parts)])
+        return cls(
+            uv=uv, intensity=joined('intensity'), width=joined('width'), sigma=joined('sigma')
+        )
 
     def __len__(self) -> int:
         return len(self.uv)

@@ -17,6 +17,7 @@ from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Frame
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
+from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
 from ivfmc_ros.stripe.space_time_stream import create_stream
 
@@ -55,6 +56,33 @@ def test_every_point_is_counted_once():
     counts = cut.counts.as_dict()
     assert counts['stripe_points'] - counts['outside_volume'] - counts['noise'] == len(profile)
     assert (counts['pictures'], counts['pictures_without_stripe']) == (1, 0)
+
+
+def with_fan(frame):
+    """Return the frame with a broad, bright area beside and on its stripe."""
+    stripe = extract(frame.image)
+    rows, columns = np.indices(frame.image.shape)
+    place = stripe.uv[len(stripe) // 2]
+    across, along = (columns - place[0] - 8.0) / 12.0, (rows - place[1]) / 14.0
+    light = 120.0 / (1.0 + across**2 + along**2) ** 2
+    return replace(frame, image=np.clip(frame.image + light, 0, 255).astype(np.uint8))
+
+
+def test_light_that_was_reflected_twice_is_noticed_in_the_first_pictures():
+    frames = list(sphere_frames(small_cell(), SPHERE, 4, seed=1))
+    plain, shiny = acquisition(), acquisition()
+    plain.resolve_auto_settings(frames)
+    shiny.resolve_auto_settings([with_fan(frame) for frame in frames])
+    assert (plain.settings.extract.glare, shiny.settings.extract.glare) == ('off', 'on')
+    assert shiny.settings.extract.expected_width == pytest.approx(
+        plain.settings.extract.expected_width, rel=0.3
+    )
+    profile = shiny.profile(with_fan(frames[0]))
+    assert len(profile) > 40
+    assert np.abs(SPHERE.distance(profile.points_xyz)).max() < 0.5e-3
+    off = acquisition(extract=ExtractSettings(glare='off'))
+    off.resolve_auto_settings([with_fan(frame) for frame in frames])
+    assert off.settings.extract.glare == 'off'
 
 
 def test_stripe_on_the_wall_is_no_part():

@@ -76,6 +76,7 @@ class _Fit:
         # transposed, so that the arrays of one value per row broadcast
         self.values: Singles = np.ascontiguousarray(patches.values.T)
         self.used: Singles = np.ascontiguousarray(patches.used.T)
+        self._pedestal = 0.0 if patches.pedestal is None else patches.pedestal.T
         self.powers: Singles = np.vander(patches.x, 5, increasing=True).T.astype(np.float32)
         self._noise = noise
         self._level = rough.level.astype(np.float64)
@@ -102,7 +103,8 @@ class _Fit:
         c = self.c.astype(np.float32)
         bell = np.exp(self.powers[:3].T @ c[:3])
         above = self.values - c[3]
-        light = np.maximum(bell, above) if cautious else bell
+        light: Singles = np.maximum(bell, above) if cautious else bell
+        light = light + self._pedestal
         weight = self.used / self._noise.variance(light + c[3], light)
         residual = above - bell
         return _State(bell, residual, weight, *self._solve(bell, weight, residual))

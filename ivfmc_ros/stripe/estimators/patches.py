@@ -38,6 +38,8 @@ class Patches:
     used : (n, w) float32, 1 for pixels in the window of the estimate; 0 for those that are
         saturated, outside the image, or beyond the midpoint to another peak
     rough : the detected peaks, (n,) arrays
+    pedestal : (n, w) float32, laser light under the stripe that is taken off ``values``; None for
+        none
     """
 
     x: Singles
@@ -45,6 +47,7 @@ class Patches:
     values: Singles
     used: Singles
     rough: Peaks
+    pedestal: Singles | None = None
 
     @classmethod
     def cut(
