@@ -49,9 +49,7 @@ def denoise_quads(
 
 def quad_neighbors(quads: Ints) -> Ints:
     """Return (m, 4) int64, the quad across each edge of closed 2-manifold quads."""
-    following = np.roll(quads, -1, axis=1)
-    low, high = np.minimum(quads, following).ravel(), np.maximum(quads, following).ravel()
-    order = np.argsort(low * (int(quads.max()) + 1) + high, kind='stable')
+    order = topology.edge_order(quads)
     across = np.empty(len(order), dtype=np.int64)
     across[order[0::2]], across[order[1::2]] = order[1::2], order[0::2]
     return np.asarray((across // 4).reshape(-1, 4))

@@ -16,6 +16,7 @@ from ivfmc_ros.model import Ints
 
 # Removing a fan of faces can pinch a neighboring vertex; the removal is repeated this often.
 _MAX_BOW_TIE_ITERATIONS = 20
+_MAX_INT64 = float(np.iinfo(np.int64).max)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,12 +71,37 @@ def face_components(faces: Ints, vertices: int) -> Ints:
 
 def boundary_edges(faces: Ints) -> Ints:
     """Return the (n, 2) directed edges that belong to exactly one of the (m, k) faces."""
+    count = int(faces.max(initial=0)) + 1
+    first, second = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    low, high = np.minimum(first, second), np.maximum(first, second)
+    # the direction is the lowest bit: sorting values is much faster than sorting indices
+    key = np.sort(2 * (low * count + high) + (first > second))
+    edge = key >> 1
+    differs = edge[1:] != edge[:-1]
+    alone = np.append(True, differs) & np.append(differs, True)
+    low, high = np.divmod(edge[alone[: len(edge)]], count)
+    backward = (key[alone[: len(key)]] & 1)[:, None] == 1
+    ends = np.stack([low, high], axis=1)
+    return np.asarray(np.where(backward, ends[:, ::-1], ends))
+
+
+def edge_order(faces: Ints) -> Ints:
+    """
+    Return the corners of (m, k) faces in an order in which equal edges follow each other.
+
+    Corner j of face i is number k i + j, and its edge leads to the next corner. Of equal edges,
+    the one with the lower number comes first.
+
+    returns : (m k,) int64
+    """
     following = np.roll(faces, -1, axis=1)
-    edges = np.stack([faces.ravel(), following.ravel()], axis=1)
-    low, high = edges.min(axis=1), edges.max(axis=1)
-    key = low * (int(faces.max(initial=0)) + 1) + high
-    _, first, count = np.unique(key, return_index=True, return_counts=True)
-    return np.asarray(edges[first[count == 1]])
+    low, high = np.minimum(faces, following).ravel(), np.maximum(faces, following).ravel()
+    count = int(faces.max(initial=0)) + 1
+    key = low * count + high
+    if float(count) ** 2 * key.size < _MAX_INT64:
+        # sorting values is much faster than sorting indices
+        return np.asarray(np.sort(key * key.size + np.arange(key.size)) % key.size)
+    return np.asarray(np.argsort(key, kind='stable'))
 
 
 def boundary_loops(vertices_xyz: Floats, faces: Ints) -> list[BoundaryLoop]:
