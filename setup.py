@@ -116,6 +116,8 @@ setup(
         ],
         # no wheels for ARM
         '3mf': ['lib3mf>=2.3'],
+        # what traces the pictures of `make bench NAME=metal`; needs libLLVM 16 or later
+        'bench': ['mitsuba>=3.5'],
         # what builds docs/
         'docs': [
             'furo',
@@ -127,6 +129,7 @@ setup(
         'test': [
             'build>=1.0',
             'colcon-common-extensions>=0.3',
+            'hypothesis>=6.100',
             'jsonschema>=4.18',
             'lib3mf>=2.3; platform_machine == "x86_64"',
             'lxml',
