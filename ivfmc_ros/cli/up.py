@@ -66,6 +66,19 @@ _POLL_S = 0.1
     '--seed', type=int, default=0, show_default=True, help='Seed of the simulated noise.'
 )
 @click.option(
+    '--home-switch',
+    is_flag=True,
+    help='Simulate a table with a home switch, which is locked until it is homed.',
+)
+@click.option(
+    '--on-exit',
+    type=click.Choice(('restart', 'stop')),
+    default='restart',
+    show_default=True,
+    help='What follows when a node ends or hangs: start it again (later each time, at most 5 '
+    'times within 10 minutes), or stop the cell.',
+)
+@click.option(
     '--set',
     'overrides',
     multiple=True,
@@ -81,7 +94,8 @@ def up(**options: Any) -> None:
         if freed:
             say('up', f'removed {freed / 1e6:.0f} MB of shared memory of processes that died')
         processes = Processes(say)
-        supervisor = Supervisor(run, processes, client, say)
+        restart = options['on_exit'] == 'restart'
+        supervisor = Supervisor(run, processes, client, say, restart=restart)
         try:
             with processes, interrupted() as ending:
                 _keep_up(run, processes, client, supervisor, say, ending)
@@ -121,6 +135,8 @@ def run_of(options: dict[str, Any]) -> CellRun:
     simulate, replay = options['simulate'], options['replay']
     if simulate and replay:
         raise ParameterError('--simulate and --replay exclude each other')
+    if options['home_switch'] and not simulate:
+        raise ParameterError('--home-switch is of the simulated table; it needs --simulate')
     folder: Path = options['folder']
     cell, camera = options['cell'], options['camera']
     if simulate:
@@ -145,6 +161,7 @@ def run_of(options: dict[str, Any]) -> CellRun:
         part=options['part'],
         unit=options['unit'],
         seed=options['seed'],
+        home_switch=options['home_switch'],
         overrides=parse_overrides(options['overrides']),
     )
 

@@ -31,6 +31,7 @@ from ivfmc_ros.nodes.framework.shutdown import flush
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
 from ivfmc_ros.nodes.scanning.graph_tools import GraphTools
 from ivfmc_ros.nodes.scanning.report_queue import ReportQueue
+from ivfmc_ros.nodes.scanning.running_scan import interrupted_status
 from ivfmc_ros.nodes.scanning.running_scan import RunningScan
 from ivfmc_ros.nodes.scanning.scan_context import ScanContext
 from ivfmc_ros.nodes.scanning.scan_parameters import declare_scan_parameters
@@ -55,6 +56,8 @@ class Orchestrator(CellNode):
         self._service_clients = ServiceClients(self, Waiter(self))
         self._running: RunningScan | None = None
         self._last: RunningScan | None = None
+        # status before the first scan: that of one that the former process left running
+        self._first_status = RunningScan.idle_status()
         joint = self.parameter(
             'joint', 'turntable_joint', 'Joint name of the table in joint_states.', read_only=True
         )
@@ -107,6 +110,12 @@ class Orchestrator(CellNode):
                 Catalogue(root).set_stage(scan_id, 'FAILED', 'INTERRUPTED')
             except ScanError as error:
                 # such as a scan without a row; the next ones have to be marked as well
+                errors.append(str(error))
+        if marked:
+            # its clients wait for the end
+            try:
+                self._first_status = interrupted_status(root / marked[-1])
+            except ScanError as error:
                 errors.append(str(error))
         for text in errors:
             self.get_logger().warning(text)
@@ -234,7 +243,7 @@ class Orchestrator(CellNode):
 
     def _publish_status(self) -> None:
         shown = self._running or self._last
-        values = shown.status() if shown is not None else RunningScan.idle_status()
+        values = shown.status() if shown is not None else self._first_status
         level = Level.OK if values['code'] in ('', 'OK') else Level.ERROR
         message = values['stage']
         self._status.publish(

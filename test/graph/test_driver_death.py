@@ -13,7 +13,7 @@ from support.cell_rig import gone
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP])
 def test_controller_is_reset_when_its_driver_dies(client, start, number):
     client.status.clear()
-    cell = start('--simulate')
+    cell = start('--simulate', '--on-exit', 'stop')
     client.until(lambda: client.status, 60.0, cell.log())
     client.until(lambda: 'connected' in client.diagnostic('turntable'), 60.0, cell.log())
     success, answer = client.trigger('start_scan')

@@ -20,7 +20,8 @@ from ivfmc_ros.surface import Surface
 
 @pytest.fixture(scope='module')
 def cell(start, client):
-    cell = start('--simulate', '--set', 'triangulator.volume.bottom=0.0005',
+    cell = start('--simulate', '--on-exit', 'stop',
+                 '--set', 'triangulator.volume.bottom=0.0005',
                  '--set', 'mesher.mesh.voxel=0.0006')  # fmt: skip
     client.until(lambda: client.status, 60.0, cell.log())
     return cell

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """However a cell ends, nothing of it is left."""
 
+import os
 import signal
 
 import pytest
@@ -38,6 +39,28 @@ def test_ctrl_c_ends_all_processes(client, start):
     assert gone(cell)
     assert 'Traceback' not in cell.log()
     assert not (cell.folder / 'simulation' / 'controller').exists()
+
+
+def test_node_that_is_killed_is_started_again(client, start):
+    cell = start_and_await(client, start)
+    client.until(lambda: 'connected' in client.diagnostic('turntable'), 60.0, cell.log())
+    client.status.clear()
+    killed = {name: cell.id_of(name) for name in ('orchestrator', 'turntable')}
+    for pid in killed.values():
+        os.kill(pid, signal.SIGKILL)
+    client.until(lambda: client.status, 60.0, cell.log())
+    client.until(lambda: 'connected' in client.diagnostic('turntable'), 60.0, cell.log())
+    assert all(cell.id_of(name) != pid for name, pid in killed.items())
+    assert cell.up.poll() is None
+    log = cell.log()
+    for text in (
+        'orchestrator was killed by signal 9; it is started again in 0.5 s (1 of at most 5)',
+        'turntable was killed by signal 9; the motion controller was reset: lasers off',
+    ):
+        assert text in log
+    # no signal was needed to end the new processes
+    assert cell.end(signal.SIGINT) == 0
+    assert gone(cell)
 
 
 def test_no_process_remains_when_up_is_killed(client, start):

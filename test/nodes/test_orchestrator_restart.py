@@ -1,5 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+import json
 import signal
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -31,6 +32,10 @@ def test_interrupted_scan_is_marked_and_a_running_one_is_not(client, cell_file, 
             client.until(lambda: status, what='no scan_status')
         finally:
             node.end()
+    # a client that waits for its end gets it from the new process
+    values = {item.key: item.value for item in status[-1].values}
+    assert (values['scan_id'], values['stage']) == ('cut_off', 'FAILED')
+    assert json.loads(values['result'])['code'] == values['code'] == 'INTERRUPTED'
     catalogue = Catalogue(root)
     assert catalogue.scan('cut_off').code == 'INTERRUPTED'
     assert scan_folder.load_job(root / 'cut_off')['stage'] == 'FAILED'

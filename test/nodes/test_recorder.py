@@ -264,3 +264,32 @@ def test_recording_ends_when_another_orchestrator_takes_over(client, scan):
         client.until(lambda: 'the orchestrator was restarted' in client.diagnostic('recorder'))
     finally:
         client.set('recorder', owner='')
+
+
+def test_streams_are_subscribed_only_while_they_are_recorded(client, scan):
+    def subscribers(*names):
+        return [client.node.count_subscribers(name) for name in names]
+
+    streams = ('image_raw', 'camera_info', 'joint_states')
+    # the profile and what is latched are subscribed at all times
+    client.until(lambda: all(subscribers('profile', 'laser_states', 'mesh')))
+    client.until(lambda: subscribers(*streams) == [0, 0, 0])
+    assert client.trigger('recorder/start')[0]
+    client.until(lambda: subscribers(*streams) == [1, 1, 1])
+    client.set('recorder', pictures=False)
+    client.until(lambda: subscribers(*streams) == [0, 0, 1])
+    client.set('recorder', pictures=True)
+    client.until(lambda: subscribers(*streams) == [1, 1, 1])
+    assert client.trigger('recorder/stop')[0]
+    client.until(lambda: subscribers(*streams) == [0, 0, 0])
+
+
+def test_first_messages_after_the_start_are_in_the_bag(client, scan):
+    joints = client.publisher(JointState, 'joint_states')
+    assert client.trigger('recorder/start')[0]
+    for number in range(20):
+        joints.publish(JointState(name=['turntable_joint'], position=[0.1 * number]))
+        client.spin(0.01)
+    assert client.trigger('recorder/stop')[0]
+    assert open_bag(scan).topics['/ivfmc/joint_states'].count == 20
+    client.node.destroy_publisher(joints)

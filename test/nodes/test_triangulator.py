@@ -279,3 +279,28 @@ def test_laser_without_a_view_number_gives_no_profile(client, inputs, cell_file,
         feed(inputs, [*frames[:5], *frames[-17:]])
         client.until(lambda: len(found) == 17)
     assert {clouds.to_profile(message, '').view for message in found} == {7}
+
+
+def test_no_images_are_received_while_all_lasers_are_off_for_long(
+    client, inputs, cell_file, frames
+):
+    found = client.collect(PointCloud2, 'profile')
+    with running('triangulator', cell=str(cell_file)):
+        inputs.wait()
+        feed(inputs, frames[:20], found=found)
+        client.until(lambda: len(found) >= 16)
+        stamp = START + 20 * STEP
+        inputs.lit(None, stamp)
+        client.until(lambda: client.node.count_subscribers('image_raw') == 0, 30.0)
+        assert 'image_raw: waiting' not in client.diagnostic('triangulator')
+        # a laser that goes on wakes it
+        before = len(found)
+        inputs.lit(0, stamp + STEP)
+        client.until(lambda: client.node.count_subscribers('image_raw') == 1)
+        feed(inputs, frames[22:26], first=22)
+        client.until(lambda: len(found) > before)
+        # and so does a parameter, such as the view of the next sweep
+        inputs.lit(None, stamp + 10 * STEP)
+        client.until(lambda: client.node.count_subscribers('image_raw') == 0, 30.0)
+        assert client.set('triangulator', view=[3, 4]).successful
+        client.until(lambda: client.node.count_subscribers('image_raw') == 1)

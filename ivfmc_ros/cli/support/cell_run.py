@@ -56,6 +56,7 @@ class CellRun:
     simulate : the hardware is a simulated one
     nodes : which are started
     part, unit : what stands on the table of a simulated cell: an STL file and its unit
+    home_switch : the simulated table has one, and is locked until it is homed
     overrides : parameters by node, stronger than the files
     """
 
@@ -70,6 +71,7 @@ class CellRun:
     part: str = 'demo'
     unit: str = 'mm'
     seed: int = 0
+    home_switch: bool = False
     overrides: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
@@ -172,6 +174,8 @@ def _simulation(run: CellRun) -> list[str]:
     words = [sys.executable, '-m', f'ivfmc_ros.simulation.{SIMULATION}']
     words += ['--folder', str(run.simulation.absolute()), '--seed', str(run.seed)]
     words += ['--part', run.part]
+    if run.home_switch:
+        words.append('--homing')
     return words if run.part == 'demo' else [*words, '--unit', run.unit]
 
 

@@ -3,6 +3,7 @@
 """Child processes that run together: output in one place, and all are ended together."""
 
 from collections.abc import Callable
+from collections.abc import Collection
 from collections.abc import Mapping
 from collections.abc import Sequence
 import contextlib
@@ -51,6 +52,7 @@ class Processes:
         self._say = say
         self._lock = threading.Lock()
         self._running: dict[str, subprocess.Popen[str]] = {}
+        self._programs: dict[str, tuple[Sequence[str], Mapping[str, str]]] = {}
         self._readers: list[threading.Thread] = []
         self.codes: dict[str, int] = {}
 
@@ -84,6 +86,22 @@ class Processes:
         ready : wait until it writes this line; at most ``seconds``
         :raises HelperError: it ended, or did not become ready
         """
+        self._programs[name] = program, environment
+        seen = threading.Event()
+        process = self._launch(name, ready, seen)
+        if ready is not None:
+            self._await(name, process, seen, seconds)
+
+    def restart(self, name: str) -> None:
+        """Start a program again that has ended, in its place in the order of the end."""
+        # it may have left children
+        _signal(self._running[name].pid, signal.SIGKILL, group=True)
+        self._launch(name, None, threading.Event())
+
+    def _launch(
+        self, name: str, ready: str | None, seen: threading.Event
+    ) -> 'subprocess.Popen[str]':
+        program, environment = self._programs[name]
         command = [sys.executable, '-m', 'ivfmc_ros.cli.support.child', str(os.getpid()), *program]
         process = subprocess.Popen(
             command,
@@ -99,20 +117,18 @@ class Processes:
             start_new_session=True,
         )
         self._running[name] = process
-        seen = threading.Event()
         reader = threading.Thread(
             target=self._read, args=(name, process, ready, seen), daemon=True
         )
         reader.start()
         self._readers.append(reader)
-        if ready is not None:
-            self._await(name, process, seen, seconds)
+        return process
 
-    def ended(self) -> Ended | None:
-        """Return a program that has ended by itself, if there is one."""
+    def ended(self, known: Collection[str] = ()) -> Ended | None:
+        """Return a program that has ended by itself and is not ``known``, if there is one."""
         for name, process in self._running.items():
             code = process.poll()
-            if code is not None:
+            if code is not None and name not in known:
                 return Ended(name=name, code=code)
         return None
 

@@ -3,10 +3,12 @@
 """
 Watches the processes of a cell that is up: a driver that dies leaves neither beam nor motion on.
 
-When the turntable driver is killed, stopped or hangs, its controller is reset at once. The reason
-for which a cell ends is published, so that its clients need not wait for a silent cell.
+When the turntable driver is killed, stopped or hangs, its controller is reset at once. A node that
+has ended or hangs is started again, or the cell ends. The reason for which a cell ends is
+published, so that its clients need not wait for a silent cell.
 """
 
+from functools import partial
 import json
 from pathlib import Path
 import time
@@ -16,9 +18,12 @@ import yaml
 
 from ivfmc_ros.cli.support.cell_run import CellRun
 from ivfmc_ros.cli.support.cell_run import own_parameters
+from ivfmc_ros.cli.support.cell_run import SIMULATION
 from ivfmc_ros.cli.support.client import CellClient
 from ivfmc_ros.cli.support.processes import Processes
 from ivfmc_ros.cli.support.processes import Say
+from ivfmc_ros.cli.support.restarts import MOST
+from ivfmc_ros.cli.support.restarts import Restarts
 from ivfmc_ros.devices.grbl.emergency_reset import reset_controller
 from ivfmc_ros.errors import ControllerLostError
 from ivfmc_ros.errors import HelperError
@@ -27,14 +32,30 @@ _DRIVER = 'turntable'
 _BAUD = 115200
 # Seconds without a heartbeat of the driver after which it hangs.
 _SILENCE_S = 1.5
+# ... of another node, which then is killed and started again. Other programs may starve it.
+_NODE_SILENCE_S = 20.0
+# Exit code of a node that cannot be created, such as with a wrong parameter: it would not be
+# created the next time either.
+_NOT_CREATED = 2
 # A longer time between two checks is a delay of this process and counts as this, seconds.
 _LONGEST_POLL_S = 0.2
+# Seconds between two checks.
+_CHECK_S = 0.1
 
 
 class Supervisor:
     """Checks the processes of a cell, and says why it ends."""
 
-    def __init__(self, run: CellRun, processes: Processes, client: CellClient, say: Say) -> None:
+    def __init__(
+        self,
+        run: CellRun,
+        processes: Processes,
+        client: CellClient,
+        say: Say,
+        *,
+        restart: bool = True,
+    ) -> None:
+        """``restart`` : start a node that has ended again; otherwise the cell ends."""
         from diagnostic_msgs.msg import DiagnosticArray
         from diagnostic_msgs.msg import DiagnosticStatus
         from std_msgs.msg import Header
@@ -42,8 +63,9 @@ class Supervisor:
         from ivfmc_ros.nodes.framework import qos
 
         self._run, self._processes, self._client, self._say = run, processes, client, say
-        # seconds without a heartbeat; None before the first one
-        self._silent_s: float | None = None
+        self._restarts = Restarts() if restart else None
+        # seconds without a heartbeat by node, since its first one
+        self._silent_s: dict[str, float] = {}
         self._checked_s = time.monotonic()
         node = client.node
         self._status = node.create_publisher(
@@ -52,27 +74,52 @@ class Supervisor:
         self._diagnostics = node.create_publisher(
             DiagnosticArray, '/diagnostics', qos.reliable(10)
         )
-        node.create_subscription(Header, f'{_DRIVER}/heartbeat', self._hear, qos.reliable(10))
+        for name in run.nodes:
+            node.create_subscription(
+                Header, f'{name}/heartbeat', partial(self._hear, name), qos.reliable(10)
+            )
 
     def check(self) -> None:
         """
-        Check all processes once.
+        Check all processes once, and start those again that are due.
 
-        :raises HelperError: one has ended, or the driver of the controller does not run any more;
-            the controller has been reset then
+        :raises HelperError: one has ended, or hangs, and is not started again; the controller has
+            been reset if it was its driver
         """
-        reason = self._driver_fault()
-        if reason:
-            self._say('up', f'{reason}; resetting the motion controller')
-            raise HelperError('NODE_DIED', f'{reason}; {self._reset()}; the cell is taken down')
-        ended = self._processes.ended()
+        if time.monotonic() - self._checked_s < _CHECK_S:
+            return
+        self._count_silence()
+        pending = self._restarts.pending if self._restarts else set()
+        for name in [name for name in self._processes.ids if name not in pending]:
+            reason = self._driver_fault() if name == _DRIVER else self._node_fault(name)
+            if reason and name == _DRIVER:
+                self._say('up', f'{reason}; resetting the motion controller')
+                self._end(name, f'{reason}; {self._reset()}')
+            elif reason:
+                self._processes.kill(name)
+                self._end(name, reason)
+        ended = self._processes.ended(self._restarts.pending if self._restarts else ())
         if ended is not None:
-            raise HelperError('NODE_DIED', f'{ended}; the cell is taken down')
+            self._end(ended.name, str(ended), is_final=ended.code == _NOT_CREATED)
+        for name in self._restarts.due() if self._restarts else ():
+            self._silent_s.pop(name, None)
+            self._processes.restart(name)
+            self._say('up', f'{name} is started again')
+
+    def _end(self, name: str, reason: str, *, is_final: bool = False) -> None:
+        """Let a process that has ended be started again; :raises HelperError: it is not."""
+        if self._restarts is None or is_final or name == SIMULATION:
+            raise HelperError('NODE_DIED', f'{reason}; the cell is taken down')
+        try:
+            delay_s, number = self._restarts.add(name)
+        except HelperError as error:
+            raise HelperError(error.code, f'{reason}; {error}; the cell is taken down') from error
+        text = f'{reason}; it is started again in {delay_s:.1f} s ({number} of at most {MOST})'
+        self._say('up', text)
+        self._publish_diagnostics(text)
 
     def say_end(self, code: str, reason: str) -> None:
         """Publish why the cell ends, also as the end of a scan that runs."""
-        from diagnostic_msgs.msg import DiagnosticArray
-
         from ivfmc_ros.nodes.framework.shutdown import flush
 
         node, status = self._client.node, self._client.status
@@ -80,10 +127,7 @@ class Supervisor:
             result = {'code': code, 'detail': reason, 'scan_id': status['scan_id']}
             values = {**status, 'stage': 'FAILED', 'code': code, 'result': json.dumps(result)}
             self._status.publish(_message(node.get_namespace(), 'orchestrator', 'FAILED', values))
-        text = f'ended: {reason}'
-        array = DiagnosticArray(status=[_message(node.get_namespace(), 'up', text, {})])
-        array.header.stamp = node.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
+        self._publish_diagnostics(f'ended: {reason}')
         for publisher in (self._status, self._diagnostics):
             flush(publisher)
 
@@ -93,8 +137,32 @@ class Supervisor:
         if self._processes.codes.get(_DRIVER, 0) < 0 and not self._run.simulate:
             self._say('up', f'{_DRIVER} had to be killed; {self._reset()}')
 
-    def _hear(self, _: object) -> None:
-        self._silent_s = 0.0
+    def _publish_diagnostics(self, text: str) -> None:
+        from diagnostic_msgs.msg import DiagnosticArray
+
+        node = self._client.node
+        array = DiagnosticArray(status=[_message(node.get_namespace(), 'up', text, {})])
+        array.header.stamp = node.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+    def _hear(self, name: str, _: object) -> None:
+        self._silent_s[name] = 0.0
+
+    def _count_silence(self) -> None:
+        now = time.monotonic()
+        passed, self._checked_s = min(now - self._checked_s, _LONGEST_POLL_S), now
+        for name in self._silent_s:
+            self._silent_s[name] += passed
+
+    def _node_fault(self, name: str) -> str:
+        """Return why a node that runs does not work, '' where it does."""
+        if self._processes.code_of(name) is not None:
+            return ''
+        if _is_stopped(self._processes.ids[name]):
+            return f'{name} was stopped by a signal'
+        silent_s = self._silent_s.get(name, 0.0)
+        is_silent = silent_s > _NODE_SILENCE_S
+        return f'{name} gives no heartbeat for {silent_s:.1f} s' if is_silent else ''
 
     def _driver_fault(self) -> str:
         pid = self._processes.ids.get(_DRIVER)
@@ -103,15 +171,11 @@ class Supervisor:
         code = self._processes.code_of(_DRIVER)
         if code is not None:
             return f'{_DRIVER} was killed by signal {-code}' if code < 0 else ''
-        now = time.monotonic()
-        passed, self._checked_s = min(now - self._checked_s, _LONGEST_POLL_S), now
         if _is_stopped(pid):
             return f'{_DRIVER} was stopped by a signal'
-        if self._silent_s is None:
-            return ''
-        self._silent_s += passed
-        silent = self._silent_s > _SILENCE_S
-        return f'{_DRIVER} gives no heartbeat for {self._silent_s:.1f} s' if silent else ''
+        silent_s = self._silent_s.get(_DRIVER, 0.0)
+        is_silent = silent_s > _SILENCE_S
+        return f'{_DRIVER} gives no heartbeat for {silent_s:.1f} s' if is_silent else ''
 
     def _reset(self) -> str:
         """Kill the driver, which holds the port, and reset the controller; say what happened."""

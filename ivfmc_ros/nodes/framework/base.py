@@ -65,7 +65,7 @@ class CellNode(ParameterNode):
     """
     A node of the cell.
 
-    It publishes ``<node>/heartbeat`` at 5.5 Hz from a steady clock (ROS time may stand still) and
+    It publishes ``<node>/heartbeat`` at 6.7 Hz from a steady clock (ROS time may stand still) and
     its conditions on ``/diagnostics`` at 1 Hz, and it survives exceptions in its callbacks.
     """
 

@@ -19,7 +19,7 @@ from std_msgs.msg import Header
 from ivfmc_ros.nodes.framework import qos
 
 # Period of heartbeats, seconds: the contract is 5 Hz or more, and each one wakes two nodes.
-HEARTBEAT_S = 0.18
+HEARTBEAT_S = 0.15
 # Age in seconds from which a node serves requests: discovery takes less on an idle computer.
 _SETTLE_S = 1.0
 # ... where the graph has another publisher of its heartbeat, which may be that of a dead node.

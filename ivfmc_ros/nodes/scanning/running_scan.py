@@ -246,5 +246,30 @@ class RunningScan:
         scan_folder.save_job(self.folder, document)
 
 
+def interrupted_status(folder: Path) -> dict[str, str]:
+    """
+    Return the key-value pairs of ``scan_status`` of a scan that was marked as interrupted.
+
+    :raises FileError: its job file cannot be read
+    """
+    job = scan_folder.load_job(folder)
+    result = {
+        'code': job['code'],
+        'detail': job['detail'],
+        'scan_id': folder.name,
+        'folder': str(folder),
+    }
+    counts = ('views_done', 'views_total', 'profiles_done', 'profiles_total')
+    return {
+        **dict.fromkeys(_KEYS, ''),
+        'scan_id': folder.name,
+        'stage': str(job['stage']),
+        **{key: str(job.get(key, '')) for key in counts},
+        'eta_s': '0.0',
+        'code': str(job['code']),
+        'result': to_json(result),
+    }
+
+
 def _without_code(answer: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in answer.items() if key != 'code'}

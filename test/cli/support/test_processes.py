@@ -142,3 +142,31 @@ def test_program_that_does_not_become_ready_is_named():
 def test_program_that_takes_too_long_is_named():
     with Processes(Said()) as processes, pytest.raises(HelperError, match='was not ready after'):
         processes.start('a', SLEEP, os.environ, ready='never', seconds=0.3)
+
+
+def test_program_that_ended_is_started_again_in_its_place():
+    said = []
+    with Processes(lambda name, line: said.append((name, line))) as processes:
+        processes.start('first', SLEEP, os.environ, ready='up')
+        processes.start('second', SLEEP, os.environ, ready='up')
+        before = processes.ids['first']
+        os.kill(before, signal.SIGKILL)
+        wait_until(lambda: processes.ended() is not None)
+        assert processes.ended(known={'first'}) is None
+        processes.restart('first')
+        wait_until(lambda: said.count(('first', 'up')) == 2)
+        assert processes.ended() is None
+        assert list(processes.ids) == ['first', 'second']
+        assert processes.ids['first'] != before
+    assert not is_alive(before)
+
+
+def test_children_of_a_program_that_ended_do_not_survive_its_restart():
+    said = []
+    with Processes(lambda name, line: said.append(line)) as processes:
+        processes.start('parent', PARENT, os.environ, ready='up')
+        child = int(said[0])
+        os.kill(processes.ids['parent'], signal.SIGKILL)
+        wait_until(lambda: processes.ended() is not None)
+        processes.restart('parent')
+        wait_until(lambda: not is_alive(child))

@@ -161,8 +161,16 @@ def test_heartbeat_continues_while_a_service_waits(client, script):
         future = requests.call_async(Trigger.Request())
         client.until(future.done)
         assert json.loads(future.result().message) == {'code': 'OK', 'slept': 1.0}
-        # published at 10 Hz; the interface promises 5 Hz
+        # published at 6.7 Hz; the interface promises 5 Hz
         assert len(beats) - before >= 5
+
+
+def test_node_that_is_alone_does_not_receive_its_own_heartbeat(client, script):
+    script(PLAIN)
+    with running('plain'):
+        assert client.trigger('top')[0]
+        # every heartbeat would wake the node twice
+        client.until(lambda: client.node.count_subscribers('plain/heartbeat') == 0)
 
 
 def test_second_node_of_a_name_refuses_and_answers_nothing(client, script):
