@@ -53,7 +53,9 @@ class Frame:
     speed : reported table speed, radians per second; 0 at standstill
     dark : image with all lasers off at the same table angle, shape and type of ``image``; None if
         not taken
-    :raises ValueError: ``image`` or ``dark`` has another shape or type
+    bracket : images of other exposure times at the same table angle with the same laser, shape and
+        type of ``image``; not together with ``dark``
+    :raises ValueError: ``image``, ``dark`` or one of ``bracket`` has another shape or type
     """
 
     image: Image
@@ -64,6 +66,7 @@ class Frame:
     seq: int = 0
     speed: float = 0.0
     dark: Image | None = None
+    bracket: tuple[Image, ...] = ()
 
     def __post_init__(self) -> None:
         if not (self.image.ndim == 2 or (self.image.ndim == 3 and self.image.shape[2] == 3)):
@@ -76,6 +79,15 @@ class Frame:
                 f'dark is {dark.shape} of {dark.dtype}, image {self.image.shape} of '
                 f'{self.image.dtype}; they must have the same shape and type'
             )
+        for other in self.bracket:
+            if (other.shape, other.dtype) != (self.image.shape, self.image.dtype):
+                raise ValueError(
+                    f'an image of the bracket is {other.shape} of {other.dtype}, image '
+                    f'{self.image.shape} of {self.image.dtype}; they must have the same shape and '
+                    'type'
+                )
+        if self.bracket and dark is not None:
+            raise ValueError('dark belongs to one exposure; a frame with a bracket has none')
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -210,7 +222,10 @@ class Mesh:
     sigma : (n,) float64, meters, 1 sigma of the vertex along its measuring direction
     intensity : (n,) float64, DN
     kind : (m,) uint8, MEASURED, BRIDGED, BASE or FILLED; None if all faces were measured
+    systematic : (n,) float64, meters, 1 sigma of the error that neighboring vertices share, for
+        example where an edge cuts the stripe; NaN or None where it is not known
     isolated_components : number of dropped connected components, small ones far from the rest
+    decimation_deviation : meters, greatest distance from the mesh before decimation; 0.0 without
     :raises ValueError: arrays of different length
     """
 
@@ -220,7 +235,9 @@ class Mesh:
     sigma: Floats
     intensity: Floats
     kind: Kinds | None = None
+    systematic: Floats | None = None
     isolated_components: int = 0
+    decimation_deviation: float = 0.0
 
     def __post_init__(self) -> None:
         count = len(self.vertices_xyz)
@@ -229,5 +246,7 @@ class Mesh:
         _require_shape('normals', self.normals, (count, 3))
         _require_shape('sigma', self.sigma, (count,))
         _require_shape('intensity', self.intensity, (count,))
+        if self.systematic is not None:
+            _require_shape('systematic', self.systematic, (count,))
         if self.kind is not None:
             _require_shape('kind', self.kind, (len(self.faces),))

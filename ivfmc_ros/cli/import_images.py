@@ -15,6 +15,8 @@ from ivfmc_ros.cli.support.quantities import angle
 from ivfmc_ros.cli.support.reconstruction_options import image_bits_option
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.pictures import list_pictures
+from ivfmc_ros.storage.matching.frame_matching import MAX_EXPOSURES
+from ivfmc_ros.storage.recording.image_import import brackets_by_number
 from ivfmc_ros.storage.recording.image_import import ImageAtAngle
 from ivfmc_ros.storage.recording.image_import import images_by_angles
 from ivfmc_ros.storage.recording.image_import import images_by_number
@@ -41,6 +43,14 @@ _LISTED = 5
 )
 @click.option('--laser', metavar='NAME', help='Laser of cell.yaml that was on, if it has several.')
 @image_bits_option
+@click.option(
+    '--exposures',
+    type=click.IntRange(1, MAX_EXPOSURES),
+    default=1,
+    show_default=True,
+    help='Pictures of different exposure times of each step; the last number in their names '
+    'tells them apart.',
+)
 @click.option('--rate', default=10.0, show_default=True, help='Pictures a second in the bag.')
 @click.option(
     '--joint', default='turntable_joint', show_default=True, help='Name of the table in the bag.'
@@ -54,6 +64,7 @@ def import_images(
     direction: str | None,
     laser: str | None,
     image_bits: int,
+    exposures: int,
     rate: float,
     joint: str,
 ) -> None:
@@ -61,7 +72,8 @@ def import_images(
     Make a bag of the pictures in DIR.
 
     The last number in a file name is the step of the table, and --step is the angle from one
-    number to the next. Or --angles is a file with the angle of each picture.
+    number to the next. Or --angles is a file with the angle of each picture. Give the number of
+    --exposures to reconstruct as well.
     """
     target = output or Path(f'{folder.resolve().name}_bag')
     pictures = list_pictures(folder)
@@ -69,6 +81,8 @@ def import_images(
         _refuse_both(step, direction)
         steps = images_by_angles(pictures, load_angles(angles), angles)
         gaps: list[int] = []
+    elif exposures > 1:
+        steps, gaps = brackets_by_number(pictures, _signed(step, direction), exposures)
     else:
         steps, gaps = images_by_number(pictures, _signed(step, direction))
     model = load_camera(camera)

@@ -43,7 +43,7 @@ def merge(
     settings = settings_of(options)
     require_several(sources)
     files.require_new_folder(output)
-    reading = BagOptions.of(options['roles'], options['salvage'])
+    reading = BagOptions.of(options['roles'], options['salvage'], options['exposures'])
     clampings = [_clamping(source, root, cell_path, settings, reading) for source in sources]
     with progress_bars() as progress:
         made = reconstruct_clampings(clampings, settings, progress)

@@ -59,7 +59,7 @@ def reconstruct(
     SCAN_ID is a scan of the catalogue; its stored points are read from its bag.
     """
     settings = settings_of(options)
-    reading = BagOptions.of(options['roles'], options['salvage'])
+    reading = BagOptions.of(options['roles'], options['salvage'], options['exposures'])
     files.require_new_folder(output)
     bag = bag_of(source)
     if bag is not None:

@@ -209,7 +209,14 @@ class Triangulator(CellNode):
             self._camera.resume()
 
     def _rest(self) -> None:
-        """Receive no images while the lasers are off for long: they would wake this node."""
+        """
+        Receive no images while the lasers are off for long: they would wake this node.
+
+        Only beside an orchestrator, which sets a parameter before it takes profiles: what else
+        publishes images, such as a replay, waits for their subscription.
+        """
+        if not self.count_publishers('orchestrator/heartbeat'):
+            return
         is_dark = self.get('laser_source') == 'topic' and self._matcher.lasers_known
         is_long = self.steady_s() - self._lit_s > _REST_AFTER_S
         if is_dark and is_long and self._is_idle() and not self.get('subtract_dark'):
@@ -325,6 +332,7 @@ class Triangulator(CellNode):
                 seq=self._seq,
                 speed=match.speed,
                 dark=self._image(match.dark.payload) if match.dark else None,
+                bracket=tuple(self._image(other.payload) for other in match.bracket),
             )
             measured = stream.add(frame)
         except ScanError as error:

@@ -32,6 +32,7 @@ from ivfmc_ros.stripe.clipping import connected_extent
 from ivfmc_ros.stripe.clipping import find_cuts
 from ivfmc_ros.stripe.clipping import judge_clipping
 from ivfmc_ros.stripe.estimators import DEFAULT
+from ivfmc_ros.stripe.exposure_bracket import merge_exposures
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
 from ivfmc_ros.stripe.extract import rows_with_glare
@@ -223,7 +224,12 @@ class Acquisition:
             settings = self._with_glare([frame], replace(settings, method=_fixed(settings.method)))
         if frame.dark is not None:
             settings = replace(settings, noise=noise_of_difference(settings.noise))
-        return extract(subtract_ambient(frame), direction, settings, self._regions[frame.laser])
+        region = self._regions[frame.laser]
+        stripe = extract(subtract_ambient(frame), direction, settings, region)
+        if not frame.bracket:
+            return stripe
+        others = [extract(image, direction, settings, region) for image in frame.bracket]
+        return merge_exposures([stripe, *others], direction)
 
     def profile(
         self,

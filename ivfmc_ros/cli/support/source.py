@@ -23,6 +23,8 @@ from ivfmc_ros.storage.bag.reader import Bag
 from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.bag.topics import find_scan_topics
 from ivfmc_ros.storage.bag.topics import ScanTopics
+from ivfmc_ros.storage.matching.frame_matching import MatchSettings
+from ivfmc_ros.storage.matching.frame_matching import MAX_EXPOSURES
 from ivfmc_ros.storage.scans.scan_bag import open_scan
 from ivfmc_ros.storage.scans.scan_bag import ScanBag
 
@@ -64,6 +66,12 @@ _OPTIONS = (
         required=True,
         help='Folder to make; must not exist yet.',
     ),
+    click.option(
+        '--exposures',
+        type=click.IntRange(1, MAX_EXPOSURES),
+        help='Pictures of different exposure times at each table angle that make one profile '
+        '(default: as the scan was taken).',
+    ),
     scans_option,
     *_BAG_OPTIONS,
 )
@@ -90,13 +98,15 @@ class BagOptions:
 
     roles : topic by role, where it is not found by its name
     salvage : accept damaged bags
+    exposures : images at each table angle that make one profile; None: as the scan was taken
     """
 
     roles: Mapping[str, str] = field(default_factory=dict)
     salvage: bool = False
+    exposures: int | None = None
 
     @classmethod
-    def of(cls, roles: Sequence[str], salvage: bool) -> 'BagOptions':
+    def of(cls, roles: Sequence[str], salvage: bool, exposures: int | None = None) -> 'BagOptions':
         """
         Return the values of ``bag_options``.
 
@@ -108,7 +118,7 @@ class BagOptions:
             if not (equals and name and value):
                 raise ParameterError(f'--role {item!r}: must be ROLE=TOPIC')
             found[name] = value
-        return cls(roles=found, salvage=salvage)
+        return cls(roles=found, salvage=salvage, exposures=exposures)
 
 
 def bag_of(source: str) -> Path | None:
@@ -150,13 +160,17 @@ def read_scan(
     if cell_path is None and not cell_file.is_file():
         raise ParameterError('--cell cell.yaml is needed: there is none beside the bag')
     draft = load_draft(cell_file)
+    parameters = load_parameters(folder)
     scan = open_scan(
         path,
         joint=draft.turntable.joint if draft.turntable else 'turntable_joint',
         lasers=[laser.name for laser in draft.lasers],
         camera=None if camera_path is None else load_camera(camera_path),
         topics=options.roles,
-        dark=bool(load_parameters(folder).get('dark_frames')),
+        taken=MatchSettings(
+            dark=bool(parameters.get('dark_frames')),
+            exposures=options.exposures or int(parameters.get('exposures', 1)),
+        ),
         salvage=options.salvage,
     )
     _warn(scan.remarks)

@@ -9,6 +9,7 @@ from typing import Any
 
 from ivfmc_ros.nodes.framework.parameters import ParameterNode
 from ivfmc_ros.storage.matching.frame_matching import MatchSettings
+from ivfmc_ros.storage.matching.frame_matching import MAX_EXPOSURES
 from ivfmc_ros.storage.matching.frame_matching import MOTIONS
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 
@@ -67,6 +68,14 @@ def _declare_matching(node: ParameterNode) -> None:
         'subtract_dark',
         False,
         'Subtract the image taken with all lasers off at the same table angle (step).',
+    )
+    node.parameter(
+        'exposures',
+        MatchSettings().exposures,
+        'Number of images of one view at the same table angle that make one profile, taken with '
+        'different exposure times while the table stands still; not with subtract_dark.',
+        low=1,
+        high=MAX_EXPOSURES,
     )
     node.parameter(
         'laser_source',
@@ -134,6 +143,7 @@ def match_settings(values: Callable[[str], Any], lasers: Sequence[str]) -> Match
         stand=values('stand'),
         min_step=values('min_step'),
         dark=values('subtract_dark'),
+        exposures=values('exposures'),
     )
 
 

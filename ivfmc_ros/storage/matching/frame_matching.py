@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
+from dataclasses import replace
 import math
 from typing import Any
 
@@ -30,6 +31,11 @@ from ivfmc_ros.validation import require_one_of
 _TURN = 2.0 * math.pi
 
 MOTIONS = ('continuous', 'step')
+
+# Greatest number of exposures of one position.
+MAX_EXPOSURES = 9
+# Why an image is not used by itself: it belongs to the profile of the last of its exposures.
+OTHER_EXPOSURE = 'one of several exposures'
 
 # States that are this much older than an image, nanoseconds, are not late but of another clock.
 _OTHER_CLOCK_NS = 10 * NANOSECONDS
@@ -54,6 +60,8 @@ class MatchSettings:
     min_step : angle differences below this, radians, count as the same position (step)
     dark : assign to each image the last one that was exposed with all lasers off at the same
         position (step)
+    exposures : number of images of one view at the same position that make one profile, taken with
+        different exposure times; the table stands still for them
     """
 
     motion: str = 'continuous'
@@ -64,8 +72,15 @@ class MatchSettings:
     stand: float = 2e-4
     min_step: float = 1e-3
     dark: bool = False
+    exposures: int = 1
 
     def __post_init__(self) -> None:
+        require_in_range('exposures', self.exposures, 1, MAX_EXPOSURES, 'images')
+        if self.exposures > 1 and self.dark:
+            raise ParameterError(
+                'exposures: several exposures and dark frames do not go together: a dark frame '
+                'belongs to one exposure'
+            )
         require_one_of('motion', self.motion, MOTIONS)
         require_in_range('exposure', self.exposure, 0.0, 10.0, 's')
         require_in_range('settle', self.settle, 0.0, 60.0, 's')
@@ -93,6 +108,7 @@ class FrameMatch:
     speed : velocity of the table, radians per second
     laser : index of the laser in the order of the cell
     dark : the dark frame of the same position, where it is requested and was received
+    bracket : the other exposures of the same view and position, if several are requested
     """
 
     payload: Any
@@ -103,6 +119,7 @@ class FrameMatch:
     laser: int = 0
     view: int = 0
     dark: 'DarkFrame | None' = None
+    bracket: tuple['FrameMatch', ...] = ()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -182,6 +199,7 @@ class FrameMatcher:
         self._turns: float | None = None
         self._measured_angles: dict[int, float] = {}
         self._dark: DarkFrame | None = None
+        self._brackets: dict[int, list[FrameMatch]] = {}
 
     @property
     def table_fault(self) -> str:
@@ -287,8 +305,7 @@ class FrameMatcher:
         if self._turns is None:
             # single precision cannot hold the angle of a table that has made many turns
             self._turns = _TURN * round(angle / _TURN)
-        self._measured_angles[settings.view_of(laser)] = angle
-        return FrameMatch(
+        match = FrameMatch(
             payload=image.payload,
             stamp_ns=stamp_ns,
             angle=float(np.float32(angle - self._turns)),
@@ -297,6 +314,23 @@ class FrameMatcher:
             view=settings.view_of(laser),
             dark=self._dark_frame_at(angle) if settings.dark else None,
         )
+        if settings.exposures > 1:
+            match = self._bracketed(match, settings)
+        if not match.reason:
+            self._measured_angles[match.view] = angle
+        return match
+
+    def _bracketed(self, match: FrameMatch, settings: MatchSettings) -> FrameMatch:
+        """Return the last exposure of a position with the others, and for these a reason."""
+        earlier = self._brackets.get(match.view, [])
+        if earlier and abs(earlier[0].angle - match.angle) >= settings.min_step:
+            # the table went on before all exposures were taken
+            earlier = []
+        if len(earlier) + 1 < settings.exposures:
+            self._brackets[match.view] = [*earlier, match]
+            return replace(match, reason=OTHER_EXPOSURE)
+        self._brackets[match.view] = []
+        return replace(match, bracket=tuple(earlier))
 
     def _laser_during(self, image: _WaitingImage) -> tuple[int | None, str]:
         if image.settings.always_on:

@@ -93,6 +93,42 @@ def images_by_number(images: Sequence[Path], step: float) -> tuple[list[ImageAtA
     return steps, sorted(set(range(first, last + 1)) - numbered.keys())
 
 
+def brackets_by_number(
+    images: Sequence[Path], step: float, exposures: int
+) -> tuple[list[ImageAtAngle], list[int]]:
+    """
+    Assign angles to several exposures of each step, in the order of the last number in the names.
+
+    The number before the last is that of the step, see ``images_by_number``.
+
+    exposures : images of each step
+    :raises FileError: as ``images_by_number``, or a step has another number of images
+    """
+    by_step: dict[int, list[tuple[int, Path]]] = {}
+    for path in images:
+        digits = re.findall(r'[0-9]+', path.stem)
+        if len(digits) < 2:
+            raise FileError(
+                f'{path}: the name has no number of step and exposure; name the images '
+                'step1_exposure1, step1_exposure2, ...'
+            )
+        by_step.setdefault(int(digits[-2]), []).append((int(digits[-1]), path))
+    wrong = [number for number, found in sorted(by_step.items()) if len(found) != exposures]
+    if wrong:
+        raise FileError(
+            f'{images[0].parent}: step {wrong[0]} has {len(by_step[wrong[0]])} images of '
+            f'{exposures} exposures, as {len(wrong) - 1} other steps'
+        )
+    # any path with the number of the step as its last
+    named = {number: Path(f'{images[0].parent}/{number}') for number in by_step}
+    steps, gaps = images_by_number(list(named.values()), step)
+    return [
+        ImageAtAngle(path=path, angle=at.angle)
+        for at in steps
+        for _, path in sorted(by_step[int(at.path.name)])
+    ], gaps
+
+
 def _require_one_turn(folder: Path, numbers: Sequence[int], step: float) -> None:
     """
     Check that numbers can be steps of one turn.

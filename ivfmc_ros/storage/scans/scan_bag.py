@@ -81,10 +81,14 @@ class ScanBag:
         seq = 0
         dark_stamps = {_dark_stamp_ns(match) for match in self.matches if not match.reason}
         dark: dict[int | None, Image] = {}
+        bracket_stamps = {other.stamp_ns for match in self.matches for other in match.bracket}
+        bracket: dict[int, Image] = {}
         for (raw, message), match in zip(self._by_stamp(decode), self.matches, strict=True):
             if match.stamp_ns in dark_stamps:
                 # dark frames of earlier positions are not needed any more
                 dark = {match.stamp_ns: self._decode_image(raw, message)}
+            if match.stamp_ns in bracket_stamps:
+                bracket[match.stamp_ns] = self._decode_image(raw, message)
             if match.reason:
                 continue
             yield Frame(
@@ -96,6 +100,7 @@ class ScanBag:
                 seq=seq,
                 speed=match.speed,
                 dark=dark.get(_dark_stamp_ns(match)),
+                bracket=tuple(bracket.pop(other.stamp_ns) for other in match.bracket),
             )
             seq += 1
 
@@ -131,7 +136,7 @@ def open_scan(
     camera: Camera | None = None,
     topics: Mapping[str, str] | None = None,
     matching: MatchSettings | None = None,
-    dark: bool = False,
+    taken: MatchSettings | None = None,
     salvage: bool = False,
 ) -> ScanBag:
     """
@@ -146,7 +151,7 @@ def open_scan(
         is not found by its name or several topics fit
     matching : which images become frames; None: those that became profiles in the recording, in
         the same views, where the bag has profiles
-    dark : assign to each frame the image with all lasers off at the same table position
+    taken : how the images were taken (dark frames, several exposures), without ``matching``
     salvage : accept a damaged bag
     :raises BagError: the bag is damaged, lacks a topic, or has no table angle at the stamp of an
         image
@@ -162,7 +167,10 @@ def open_scan(
     _require_angles(joint_history, [] if salvage else stamps, where, ahead_s)
     matcher = FrameMatcher(
         lasers,
-        replace(matching or MatchSettings(dark=dark), always_on=scan_topics.laser_states is None),
+        replace(
+            matching or taken or MatchSettings(),
+            always_on=scan_topics.laser_states is None,
+        ),
         joint_history=joint_history,
         laser_history=_laser_history(bag, scan_topics, messages, lasers),
     )

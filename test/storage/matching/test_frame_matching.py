@@ -225,3 +225,33 @@ def test_oldest_image_is_dropped_first():
 def test_invalid_settings_are_refused_by_name(name, value):
     with pytest.raises(ParameterError, match=name.rstrip('s')):
         MatchSettings(**{name: value})
+
+
+def bracketed(matcher):
+    matches = list(matcher.pop_matches())
+    used = [match for match in matches if not match.reason]
+    return [(match.payload, [other.payload for other in match.bracket]) for match in used], [
+        match.reason for match in matches
+    ]
+
+
+@pytest.mark.parametrize('motion', ['continuous', 'step'])
+def test_exposures_of_one_position_make_one_match(motion):
+    matcher = a_matcher(exposures=3, motion=motion, settle=0.0)
+    for stamp, angle in ((0, 0.0), (300, 0.0), (400, 0.5), (700, 0.5), (800, 1.0), (1100, 1.0)):
+        matcher.add_table_position(at(stamp), angle)
+    on(matcher, 0, 'left')
+    on(matcher, 1100, 'left')
+    # of the second position one exposure is missing
+    for stamp in (50, 100, 150, 450, 500, 850, 900, 950):
+        matcher.add_image(at(stamp), stamp)
+    used, found = bracketed(matcher)
+    assert used == [(150, [50, 100]), (950, [850, 900])]
+    assert found.count('one of several exposures') == 6
+
+
+def test_exposures_do_not_mix_with_dark_frames():
+    with pytest.raises(ParameterError, match='exposures'):
+        MatchSettings(exposures=2, dark=True)
+    with pytest.raises(ParameterError, match='exposures'):
+        MatchSettings(exposures=0)

@@ -11,6 +11,7 @@ from ivfmc_ros.errors import CellError
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.storage.bag.reader import open_bag
+from ivfmc_ros.storage.recording.image_import import brackets_by_number
 from ivfmc_ros.storage.recording.image_import import ImageAtAngle
 from ivfmc_ros.storage.recording.image_import import images_by_angles
 from ivfmc_ros.storage.recording.image_import import images_by_number
@@ -29,6 +30,24 @@ def test_number_in_the_name_is_the_step():
         ('step_num12.jpg', -1.0),
     ]
     assert gaps == [11]
+
+
+def test_last_number_tells_the_exposures_of_a_step_apart():
+    names = [f'step{n}_{e}.png' for n in (3, 4, 6) for e in (20, 5)]
+    steps, gaps = brackets_by_number(_paths(*names), 0.5, 2)
+    assert [(at.path.name, at.angle) for at in steps] == [
+        ('step3_5.png', 0.0),
+        ('step3_20.png', 0.0),
+        ('step4_5.png', 0.5),
+        ('step4_20.png', 0.5),
+        ('step6_5.png', 1.5),
+        ('step6_20.png', 1.5),
+    ]
+    assert gaps == [5]
+    with pytest.raises(FileError, match='step 3 has 2 images of 3 exposures, as 2 other steps'):
+        brackets_by_number(_paths(*names), 0.5, 3)
+    with pytest.raises(FileError, match=r'a1\.png: the name has no number of step and exposure'):
+        brackets_by_number(_paths('a1.png'), 0.5, 2)
 
 
 def test_name_without_number_is_refused():

@@ -177,6 +177,21 @@ def test_dark_frame_is_assigned_at_the_same_position(tmp_path, camera, make_imag
     assert all(frame.dark is None for frame in open_scan(tmp_path / 'bag').frames())
 
 
+def test_exposures_of_one_position_are_one_frame(tmp_path, camera, make_image):
+    with create_bag(tmp_path / 'bag') as bag:
+        bag.camera_info(START, camera)
+        for index in range(6):
+            stamp = START + index * STEP
+            bag.joint_state(stamp, 'turntable_joint', 0.5 * (index // 2))
+            bag.image(stamp, make_image(index))
+    first, *_, last = open_scan(tmp_path / 'bag', taken=MatchSettings(exposures=2)).frames()
+    assert (first.seq, last.seq) == (0, 2)
+    np.testing.assert_array_equal(first.image, make_image(1))
+    (other,) = first.bracket
+    np.testing.assert_array_equal(other, make_image(0))
+    assert open_scan(tmp_path / 'bag').frame_count == 6
+
+
 def test_scan_with_lasers_off_is_refused(write_bag):
     folder = write_bag(before=lambda bag, stamp, _: bag.laser_state(stamp, {'laser': False}))
     with pytest.raises(BagError, match=r'image_raw: no image can be used \(5 laser off\)'):
