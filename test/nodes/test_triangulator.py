@@ -7,6 +7,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
 from support.cell_inputs import START
 from support.cell_inputs import STEP
 from support.graph_rig import running
@@ -285,6 +286,8 @@ def test_no_images_are_received_while_all_lasers_are_off_for_long(
     client, inputs, cell_file, frames
 ):
     found = client.collect(PointCloud2, 'profile')
+    # it rests beside an orchestrator only
+    beats = client.publisher(Header, 'orchestrator/heartbeat')
     with running('triangulator', cell=str(cell_file)):
         inputs.wait()
         feed(inputs, frames[:20], found=found)
@@ -304,3 +307,4 @@ def test_no_images_are_received_while_all_lasers_are_off_for_long(
         client.until(lambda: client.node.count_subscribers('image_raw') == 0, 30.0)
         assert client.set('triangulator', view=[3, 4]).successful
         client.until(lambda: client.node.count_subscribers('image_raw') == 1)
+    client.node.destroy_publisher(beats)
