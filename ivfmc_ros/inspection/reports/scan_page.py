@@ -38,6 +38,7 @@ def mesh_figures(mesh: Mesh) -> dict[str, Any]:
     return {
         'faces': {name: int((kind == number).sum()) for name, number in _KINDS.items()},
         'isolated_components': mesh.isolated_components,
+        'decimation_deviation_m': mesh.decimation_deviation,
         'boundary_loops': len(loops),
         'longest_loops': [
             {'edges': loop.edges, 'length_m': loop.length, 'center_xyz_m': list(loop.center_xyz)}
