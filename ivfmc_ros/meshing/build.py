@@ -27,6 +27,8 @@ _MAX_EDGE_SPACINGS = 5.0
 # Voxel of integrate in point spacings. Small, so that edges stay sharp; noise is averaged by the
 # filter of normals, not by the voxel.
 _VOXEL_SPACINGS = 0.6
+# A decimated mesh with fewer faces per point is as fine as the data.
+_FACES_PER_POINT = 2
 # Greatest default voxel, in units of the smaller of both spacings.
 _MAX_SMALLER_SPACINGS = 2.0
 
@@ -58,7 +60,16 @@ def build_mesh(
             mesh = poisson(samples, voxel, max_edge, settings)
         else:
             mesh = integrate(samples, voxel, settings)
-    return decimate(mesh, settings.decimate)[0] if settings.decimate else mesh
+    points = sum(int(np.count_nonzero(view.valid)) for view in views)
+    return decimate(mesh, _tolerance(views, settings), _FACES_PER_POINT * points)[0]
+
+
+def _tolerance(views: Sequence[View], settings: MeshSettings) -> float:
+    """Return the greatest deviation of the decimated mesh, meters; 0.0 for no decimation."""
+    if settings.decimate or settings.method != 'integrate':
+        return settings.decimate
+    known = np.concatenate([view.sigma[np.isfinite(view.sigma)] for view in views])
+    return settings.decimate_sigmas * float(np.median(known)) if len(known) else 0.0
 
 
 def default_max_edge(views: Sequence[View]) -> float:

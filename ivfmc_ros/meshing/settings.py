@@ -26,7 +26,10 @@ class MeshSettings:
     voxel : edge of a voxel of integrate and poisson; None for 0.6 point spacings with integrate
         and 1 point spacing with poisson
     smoothing : iterations of bilateral normal filtering; 0 for no smoothing
-    decimate : greatest deviation of the decimated mesh from the full one; 0 for no decimation
+    decimate : greatest deviation of the decimated mesh from the full one; 0 for
+        ``decimate_sigmas``
+    decimate_sigmas : with method integrate the same, as a fraction of the median 1 sigma of the
+        points, such as 0.25; 0 for no decimation
     island : connected components with fewer triangles are dropped, and so are those with less than
         2 % of all triangles that are farther than 20 voxels from the rest
     floor : height of the platter in ``turntable``, where the standing face lies; None if the part
@@ -39,6 +42,7 @@ class MeshSettings:
     voxel: float | None = None
     smoothing: int = 6
     decimate: float = 0.0
+    decimate_sigmas: float = 0.0
     island: int = 200
     floor: float | None = 0.0
 
@@ -50,6 +54,7 @@ class MeshSettings:
                 require_in_range(name, value, 0.0, 1.0, 'm', open_low=True)
         require_in_range('smoothing', self.smoothing, 0, 200, 'iterations')
         require_in_range('decimate', self.decimate, 0.0, 0.1, 'm')
+        require_in_range('decimate_sigmas', self.decimate_sigmas, 0.0, 100.0)
         require_in_range('island', self.island, 0, 10_000_000, 'triangles')
         if self.floor is not None:
             require_in_range('floor', self.floor, -1.0, 1.0, 'm')

@@ -78,7 +78,11 @@ _OPTIONS = (
     click.option('--smoothing', type=int, default=6, show_default=True, metavar='ROUNDS',
                  help='Rounds of bilateral normal filtering of the mesh.'),
     click.option('--decimate', type=length(0.0), default='0mm', show_default=True,
-                 help='Largest deviation of the decimated mesh; 0 keeps all triangles.'),
+                 help='Largest deviation of the decimated mesh; 0: by --decimate-sigmas.'),
+    click.option('--decimate-sigmas', type=click.FloatRange(0.0, 100.0), default=0.0,
+                 show_default=True,
+                 help='Largest deviation of the decimated mesh in median standard deviations of '
+                      'the points, such as 0.25; 0 keeps all triangles.'),
     click.option('--unit', type=click.Choice(list(UNITS)), default='mm', show_default=True,
                  help='Unit of the mesh files.'),
 )  # fmt: skip
@@ -133,4 +137,5 @@ def _mesh(options: dict[str, Any]) -> MeshSettings:
         voxel=options['voxel'],
         smoothing=options['smoothing'],
         decimate=options['decimate'],
+        decimate_sigmas=options['decimate_sigmas'],
     )
