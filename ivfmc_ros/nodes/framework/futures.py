@@ -31,6 +31,8 @@ POLL_S = 0.02
 _MAX_LATE_S = 0.5
 # Seconds to wait for a service of another node to be discovered.
 _DISCOVERY_S = 5.0
+# Seconds to wait for the response of a parameter service.
+_PARAMETERS_S = 5.0
 
 Condition = Callable[[], bool]
 
@@ -138,28 +140,34 @@ class ServiceClients:
             raise HelperError(code, f'{path}: {detail}')
         return answer
 
-    async def set(self, node: str, values: dict[str, Any], seconds: float = 5.0) -> None:
+    async def set(
+        self, node: str, values: dict[str, Any], guard: Callable[[], None] | None = None
+    ) -> None:
         """
         Set parameters of another node.
 
+        guard : see ``Waiter.until``
         :raises HelperError: it rejected one of them, is not available, or times out
         """
         request = SetParameters.Request(
             parameters=[parameter_message(name, value) for name, value in values.items()]
         )
-        response = await self.call(f'{node}/set_parameters', SetParameters, request, seconds)
+        path = f'{node}/set_parameters'
+        response = await self.call(path, SetParameters, request, _PARAMETERS_S, guard)
         for name, result in zip(values, response.results, strict=True):
             if not result.successful:
                 raise HelperError('BAD_PARAMETER', f'{node}: {name}: {result.reason}')
 
-    async def get(self, node: str, name: str, seconds: float = 5.0) -> Any:
+    async def get(self, node: str, name: str, guard: Callable[[], None] | None = None) -> Any:
         """
         Return a parameter of another node, None if it has none of that name.
 
+        guard : see ``Waiter.until``
         :raises HelperError: it is not available, or times out
         """
         request = GetParameters.Request(names=[name])
-        response = await self.call(f'{node}/get_parameters', GetParameters, request, seconds)
+        path = f'{node}/get_parameters'
+        response = await self.call(path, GetParameters, request, _PARAMETERS_S, guard)
         return parameter_value_to_python(response.values[0]) if response.values else None
 
     async def call(

@@ -22,6 +22,8 @@ from ivfmc_ros.nodes.scanning.cell_link import CellLink
 from ivfmc_ros.nodes.scanning.cell_link import JOINTS
 from ivfmc_ros.nodes.scanning.scan_checks import ScanChecks
 from ivfmc_ros.nodes.scanning.scan_context import ScanContext
+from ivfmc_ros.nodes.scanning.scan_guard import NOT_RECORDED
+from ivfmc_ros.nodes.scanning.scan_guard import ScanGuard
 from ivfmc_ros.nodes.scanning.table_motion import TableMotion
 from ivfmc_ros.scan.job import Outcome
 from ivfmc_ros.scan.plan import NOT_MEASURED
@@ -34,8 +36,6 @@ from ivfmc_ros.scan.state_machine import StateMachine
 NEEDED = ('triangulator', 'registrar', 'mesher', 'recorder')
 # Nodes that foreign drivers without a heartbeat may replace; watched only where they run.
 OPTIONAL = ('camera', 'turntable')
-
-_NOT_RECORDED = 'NOT_RECORDED'
 
 # Time-outs, seconds.
 _PAUSE_S = 24 * 3600.0
@@ -91,9 +91,8 @@ class GraphTools:
         for path in ('turntable/stop', 'registrar/cancel', 'mesher/cancel'):
             services.has(path)
         self._working = ''
-        self._watched: list[str] = []
-        self._recording = False
-        self._are_images_needed = True
+        # a controller with a home switch is locked when its supply comes on
+        self._guard = ScanGuard(machine, link, context.patience, needs_homing=context.home)
         self._standstill_ns = 0
         self.bag: Mapping[str, Any] = {}
         self.has_figures = False
@@ -103,23 +102,22 @@ class GraphTools:
         context = self.context
         self._link.start_scan()
         await self._wait_for_cell()
-        lasers = len(context.plan.sweeps[0].views)
-        await self._services.set(
+        await self._set(
             'triangulator',
             {
-                'view': [NOT_MEASURED] * lasers,
+                **self._no_views(),
                 'motion': context.request.motion,
                 'subtract_dark': context.request.dark_frames,
                 'scan_id': context.scan_id,
             },
         )
-        await self._services.set('registrar', {'scan_id': context.scan_id})
+        await self._set('registrar', {'scan_id': context.scan_id})
         await self._services.trigger('registrar/reset', _RESPONSE_S, self._guard)
         scan = {'scan_folder': str(context.folder), 'scan_id': context.scan_id}
         files = {'formats': context.request.formats, 'export_unit': context.request.export_unit}
-        await self._services.set('mesher', {**scan, **files, **await self._working_volume()})
+        await self._set('mesher', {**scan, **files, **await self._working_volume()})
         owner = self._node.life.id
-        await self._services.set('recorder', {**scan, 'pictures': True, 'owner': owner})
+        await self._set('recorder', {**scan, 'pictures': True, 'owner': owner})
         # messages of the previous scan that were still in the queues
         self._link.start_scan()
         await self._start_recording()
@@ -127,24 +125,30 @@ class GraphTools:
         await self._require_steps()
         if context.home:
             await self._services.trigger('turntable/home', _HOMING_S, self._guard)
+            # the diagnostics may be received after the response
+            await self._until(self._is_unlocked, _RESPONSE_S, 'unlocking', 'CONTROLLER_ALARM')
+            self._guard.needs_homing = False
+
+    def _is_unlocked(self) -> bool:
+        return not self._link.controller.code
 
     async def _working_volume(self) -> dict[str, float]:
         """Return the limits by which the mesher tells a rim that the volume cut."""
         limits = {}
         for name in ('radius', 'top'):
-            value = await self._services.get('triangulator', f'volume.{name}')
+            value = await self._services.get('triangulator', f'volume.{name}', self._guard)
             limits[f'working_{name}'] = max(0.0, float(value or 0.0))
         return limits
 
     async def _require_steps(self) -> None:
         """:raises ParameterError: the triangulator takes two stops for one position."""
         if self.context.request.motion == 'step':
-            least = await self._services.get('triangulator', 'min_step')
+            least = await self._services.get('triangulator', 'min_step', self._guard)
             require_steps(self.context.plan, float(least or 0.0), 'min_step of the triangulator')
 
     async def _start_recording(self) -> None:
         # before the call: after a time-out the recorder may record all the same
-        self._recording = True
+        self._guard.recording = True
         try:
             await self._services.trigger('recorder/start', _RESPONSE_S, self._guard)
         except HelperError as error:
@@ -153,7 +157,7 @@ class GraphTools:
             # a recording of an orchestrator that died
             self._node.get_logger().warning(f'{error}; stopping that recording')
             await self._stop_recording()
-            self._recording = True
+            self._guard.recording = True
             await self._services.trigger('recorder/start', _RESPONSE_S, self._guard)
 
     async def _wait_for_cell(self) -> None:
@@ -179,12 +183,12 @@ class GraphTools:
                     'TURNTABLE_LOST', 'joint_trajectory has no subscription'
                 ) from None
             watch.require_alive([JOINTS])
-        self._watched = needed + [name for name in OPTIONAL if not watch.lost([name])]
+        self._guard.watched = needed + [name for name in OPTIONAL if not watch.lost([name])]
 
     async def select_views(self, sweep: Sweep) -> None:
         """Set the view numbers of this sweep for the profiles that follow."""
         self._checks.begin(sweep)
-        await self._services.set('triangulator', {'view': list(sweep.views)})
+        await self._set('triangulator', {'view': list(sweep.views)})
 
     async def move(self, position: float, velocity: float) -> None:
         """Turn the table to ``position`` (rad) at ``velocity`` (rad/s); return at standstill."""
@@ -277,30 +281,32 @@ class GraphTools:
         if not self._link.headers:
             raise HelperError('NO_PROFILE', 'the scan has no profile')
         # a laser that is always on would produce profiles without end
-        await self._stop_profiles()
+        await self._set('triangulator', self._no_views())
 
         def complete() -> bool:
             recorded = self._link.recorded
             return recorded is not None and recorded >= max(self._link.headers)
 
-        await self._until(complete, _FLUSH_S, 'the recorder to write all profiles', _NOT_RECORDED)
+        await self._until(complete, _FLUSH_S, 'the recorder to write all profiles', NOT_RECORDED)
         # dark images during meshing would be most of the bag
-        await self._services.set('recorder', {'pictures': False})
+        await self._set('recorder', {'pictures': False})
         # camera and table are not needed any more
-        self._are_images_needed = False
-        self._watched = ['registrar', 'mesher', 'recorder']
+        self._guard.needs_images = False
+        self._guard.watched = ['registrar', 'mesher', 'recorder']
 
-    async def _stop_profiles(self) -> None:
-        lasers = len(self.context.plan.sweeps[0].views)
-        await self._services.set('triangulator', {'view': [NOT_MEASURED] * lasers})
+    def _no_views(self) -> dict[str, Any]:
+        return {'view': [NOT_MEASURED] * len(self.context.plan.sweeps[0].views)}
+
+    async def _set(self, node: str, values: dict[str, Any]) -> None:
+        await self._services.set(node, values, self._guard)
 
     async def register(self) -> Mapping[str, Any]:
         """Register all views; return the registrar's response."""
-        await self._services.set('registrar', {'expected': max(self._link.headers) + 1})
+        await self._set('registrar', {'expected': max(self._link.headers) + 1})
         answer = await self._call_long('registrar', 'register')
         if answer.get('stamp_ns'):
             # poses of another scan that arrive late must not become the mesh of this one
-            await self._services.set('mesher', {'poses_stamp': answer['stamp_ns']})
+            await self._set('mesher', {'poses_stamp': answer['stamp_ns']})
         return answer
 
     def judge(self, outcome: Outcome) -> None:
@@ -324,7 +330,7 @@ class GraphTools:
         # older recorders answer without the number
         if self.bag.get('recorded', last) != last:
             text = f'the bag ends with profile {self.bag["recorded"]} instead of {last}'
-            raise HelperError(_NOT_RECORDED, text)
+            raise HelperError(NOT_RECORDED, text)
         folder, bag = self.context.folder, self.bag
         await self.in_thread(write_figures, folder, outcome, bag)
         self.has_figures = True
@@ -338,20 +344,17 @@ class GraphTools:
         self._link.halt()
         # a working node: otherwise it is busy when the next scan starts
         for node, service in (('turntable', 'stop'), (self._working, 'cancel')):
-            if not self._is_lost(node) and self._services.has(f'{node}/{service}'):
+            if not self._guard.is_lost(node) and self._services.has(f'{node}/{service}'):
                 await self._log_error(self._services.trigger(f'{node}/{service}', _ABORT_S))
-        if 'triangulator' in self._watched and not self._is_lost('triangulator'):
-            await self._log_error(self._stop_profiles())
-        if self._recording:
+        if 'triangulator' in self._guard.watched and not self._guard.is_lost('triangulator'):
+            await self._log_error(self._services.set('triangulator', self._no_views()))
+        if self._guard.recording:
             error = await self._log_error(self._stop_recording(_ABORT_RECORDER_S))
-            if error and outcome.code == _NOT_RECORDED:
+            if error and outcome.code == NOT_RECORDED:
                 outcome.detail = f'{outcome.detail}: {error}'
 
-    def _is_lost(self, node: str) -> bool:
-        return not node or (node in self._watched and bool(self._link.watch.lost([node])))
-
     async def _stop_recording(self, seconds: float = _STOP_RECORDER_S) -> Mapping[str, Any]:
-        self._recording = False
+        self._guard.recording = False
         return await self._services.trigger(
             'recorder/stop', seconds, lambda: self._link.watch.require_alive(['recorder'])
         )
@@ -370,21 +373,6 @@ class GraphTools:
             await self._services.waiter.until(condition, seconds, what, self._guard)
         except TimeoutExceededError as error:
             raise HelperError(code, str(error)) from error
-
-    def _guard(self) -> None:
-        self._machine.raise_if_cancelled()
-        if JOINTS in self._watched:
-            # before the silence that it causes
-            self._link.controller.require_ready()
-        self._link.watch.require_alive(self._watched)
-        self._link.require_unique_profiles()
-        if self._are_images_needed:
-            self._link.clocks.require_no_jump()
-        seconds = self._link.unrecorded_s
-        if self._recording and seconds > self.context.patience:
-            raise HelperError(
-                _NOT_RECORDED, f'the recorder has not written a profile for {seconds:.1f} s'
-            )
 
     async def _log_error(self, work: Any) -> str:
         """Await ``work``; log and return its error, '' without one."""

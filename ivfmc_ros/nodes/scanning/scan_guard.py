@@ -1,0 +1,54 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What ends the waits of a scan: a cancel, a lost node, a fault of the controller, a set clock."""
+
+from ivfmc_ros.errors import HelperError
+from ivfmc_ros.nodes.scanning.cell_link import CellLink
+from ivfmc_ros.nodes.scanning.cell_link import JOINTS
+from ivfmc_ros.scan.state_machine import StateMachine
+
+NOT_RECORDED = 'NOT_RECORDED'
+# Faults of the motion controller that homing ends.
+_UNLOCKED_BY_HOMING = ('CONTROLLER_ALARM', 'POSITION_LOST')
+
+
+class ScanGuard:
+    """
+    Called at every poll of a wait; raises where the scan cannot go on.
+
+    watched : names of the nodes, and JOINTS, without which the scan is lost
+    recording : the recorder records for the scan
+    needs_images : the scan still takes images, so that clocks must not jump
+    needs_homing : the scan homes the table, whose controller may be locked until then
+    """
+
+    def __init__(
+        self, machine: StateMachine, link: CellLink, patience_s: float, *, needs_homing: bool
+    ) -> None:
+        self._machine, self._link, self._patience_s = machine, link, patience_s
+        self.watched: list[str] = []
+        self.recording = False
+        self.needs_images = True
+        self.needs_homing = needs_homing
+
+    def __call__(self) -> None:
+        """:raises ScanError: the scan cannot go on."""
+        self._machine.raise_if_cancelled()
+        controller = self._link.controller
+        may_be_locked = self.needs_homing and controller.code in _UNLOCKED_BY_HOMING
+        if JOINTS in self.watched and not may_be_locked:
+            # before the silence that it causes
+            controller.require_ready()
+        self._link.watch.require_alive(self.watched)
+        self._link.require_unique_profiles()
+        if self.needs_images:
+            self._link.clocks.require_no_jump()
+        seconds = self._link.unrecorded_s
+        if self.recording and seconds > self._patience_s:
+            raise HelperError(
+                NOT_RECORDED, f'the recorder has not written a profile for {seconds:.1f} s'
+            )
+
+    def is_lost(self, node: str) -> bool:
+        """Return whether a watched node is silent; also for an empty name."""
+        return not node or (node in self.watched and bool(self._link.watch.lost([node])))
