@@ -25,13 +25,14 @@ LIBRARIES := \
 BY_FILE := --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help env test demo bench docs docs-check reference figures pictures clean distclean
+.PHONY: help env test demo bench faults docs docs-check reference figures pictures clean distclean
 
 help:
 	@echo 'make env     build $(VENV) with all that tests and demo need (PYTHON=$(PYTHON))'
 	@echo 'make test    linters, types, documentation and tests'
 	@echo 'make demo    scan the demo part in a simulated cell into build/demo'
-	@echo 'make bench   measure all groups of figures into build/bench; NAME=stripe: one group'
+	@echo 'make bench   measure figures into build/bench; NAME=stripe: one group'
+	@echo 'make faults  cause faults in scans and in a cell of real processes; about an hour'
 	@echo 'make docs    build the documentation into build/docs'
 	@echo 'make reference, make figures, make pictures'
 	@echo '             write the pages and pictures of docs/ made from code, build/bench, simulation'
@@ -62,6 +63,9 @@ demo: $(READY)
 
 bench: $(READY)
 	PYTHONPATH=test $(BIN)/python -m bench $(NAME)
+
+faults: $(READY)
+	PYTHONPATH=test $(BIN)/python -m bench faults
 
 # All pages and references are read and checked; writing HTML takes as long again.
 docs-check: $(READY)

@@ -140,7 +140,24 @@ def figures() -> Iterator[tuple[Path, str]]:
             cells = (entry['name'], value, entry['unit'], entry['bar'] or '', met, entry['note'])
             rows.append(tuple(map(str, cells)))
         title = f'# `make bench NAME={path.stem}`\n\n'
-        yield DOCS / 'accuracy' / f'{path.stem}.md', NOTE_FIGURES + title + table(iter(rows))
+        page = NOTE_FIGURES + title + table(iter(rows))
+        if path.stem == 'faults':
+            page += ''.join(fault_tables())
+        yield DOCS / 'accuracy' / f'{path.stem}.md', page
+
+
+def fault_tables() -> Iterator[str]:
+    """Yield the tables that `make faults` writes besides its figures, each with a heading."""
+    for path in sorted((FIGURES / 'faults').glob('*.json')):
+        rows = [tuple(row) for row in json.loads(path.read_text(encoding='utf-8'))]
+        yield f'\n## {FAULT_TABLES.get(path.stem, path.stem)}\n\n{table(iter(rows))}'
+
+
+FAULT_TABLES = {
+    'matrix': 'Faults in a cell of real processes',
+    'matrix_homing': 'Faults while the table is homed',
+    'sequences': 'Sequences of two events',
+}
 
 
 NOTE_FIGURES = '<!-- Made by `make figures` from build/bench; not written by hand. -->\n\n'

@@ -108,6 +108,15 @@ def test_missed_bar_fails_after_all_groups_ran(groups):
     assert (output / 'b.json').exists()
 
 
+def test_long_group_runs_only_by_its_name(groups):
+    add(groups, 'a', GOOD)
+    add(groups, 'faults', GOOD)
+    _, output = run(groups)
+    assert not (output / 'faults.json').exists()
+    run(groups, 'faults')
+    assert (output / 'faults.json').exists()
+
+
 def test_nan_is_written_as_null(groups):
     add(groups, 'a', "def run():\n    yield Number('rms', float('nan'), 'mm', at_most(1))\n")
     code, output = run(groups)

@@ -20,10 +20,16 @@ from ivfmc_ros.files import write_text
 HERE = Path(__file__).resolve().parent
 RESULTS = HERE.parents[1] / 'build' / 'bench'
 PREFIX = 'bench_'
+# Groups that take half an hour or more in real time; they run only by their name.
+LONG = ('faults', 'soak')
 
 
 def main(arguments: Sequence[str] | None = None, *, folder: Path = HERE) -> int:
-    """Run the groups that are named, or all; the exit code is 1 if any bar is missed."""
+    """
+    Run the groups that are named, or all but the long ones; returns the exit code.
+
+    It is 1 if any bar is missed.
+    """
     options = _parser().parse_args(arguments)
     available = find_groups(folder)
     unknown = [name for name in options.groups if name not in available]
@@ -32,7 +38,7 @@ def main(arguments: Sequence[str] | None = None, *, folder: Path = HERE) -> int:
         print(f'{what} in {folder}; there are: {", ".join(available) or "none"}', file=sys.stderr)
         return 1
     console = Console()
-    names = options.groups or list(available)
+    names = options.groups or [name for name in available if name not in LONG]
     results = [run_group(name, available[name], options.output, console) for name in names]
     return 0 if all(results) else 1
 
@@ -104,6 +110,8 @@ def as_table(title: str, numbers: Sequence[Number]) -> Table:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='bench', description=__doc__)
-    parser.add_argument('groups', nargs='*', metavar='GROUP', help='all, if none is named')
+    parser.add_argument(
+        'groups', nargs='*', metavar='GROUP', help=f'all but {", ".join(LONG)}, if none is named'
+    )
     parser.add_argument('-o', '--output', type=Path, default=RESULTS, help='folder of the results')
     return parser

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A cell of separate processes, started by ``ivfmc up``, and the search for leftover ones."""
 
+import os
 from pathlib import Path
 import signal
 import subprocess
@@ -12,14 +13,18 @@ from support.graph_rig import node_environment
 
 
 class Cell:
-    """A process ``ivfmc up`` and the processes that it started."""
+    """
+    A process ``ivfmc up`` and the processes that it started.
 
-    def __init__(self, folder, *arguments):
+    environment : further variables; PYTHONPATH is added to the one of the nodes
+    """
+
+    def __init__(self, folder, *arguments, **environment):
         self.folder = folder
         self.scans = folder / 'scans'
         self.up = subprocess.Popen(
             [sys.executable, '-m', 'ivfmc_ros.cli.main', 'up', '--folder', folder, *arguments],
-            env=node_environment(),
+            env=_with(node_environment(), environment),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
@@ -56,6 +61,11 @@ class Cell:
             if f'ivfmc_ros.nodes.{node}' in words:
                 return pid
         raise AssertionError(f'{node} does not run: {self.log()}')
+
+
+def _with(environment, further):
+    paths = [found['PYTHONPATH'] for found in (environment, further) if found.get('PYTHONPATH')]
+    return {**environment, **further, 'PYTHONPATH': os.pathsep.join(paths)}
 
 
 def gone(cell, seconds=10.0):

@@ -1,0 +1,236 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Causes a fault in a scan of a cell of real processes, and measures what comes of it."""
+
+from collections.abc import Callable
+from collections.abc import Mapping
+from dataclasses import dataclass
+from dataclasses import field
+import math
+import time
+from typing import Any
+from typing import NamedTuple
+
+from support.fault_cell import FaultCell
+from support.fault_cell import SCAN_S
+
+# Short scans: 50 profiles in 5 s; the slips need profiles that are no more than 5 degrees apart.
+SHORT: Mapping[str, Any] = {
+    'motion': 'continuous',
+    'profiles': 48,
+    'profile_rate': 10.0,
+    'lasers': ['left'],
+    'home': False,
+}
+FINE: Mapping[str, Any] = {**SHORT, 'profiles': 80}
+FINE_TWO: Mapping[str, Any] = {**FINE, 'lasers': ['left', 'right']}
+# Share of the points beyond their stated uncertainty above that of a scan without a fault from
+# which a shape is wrong: repeated scans of 50 profiles differ by a third of it.
+_WRONG_SHARE = 0.02
+# Seconds after the end of a scan in which the beam has to stay off.
+_AFTER_S = 0.6
+# A table that turns in a sweep or in homing is faster than this, rad/s.
+_TURNS = 0.15
+# Profiles that are on disk before a fault in the middle of a scan.
+_SOME = 5
+# ... and near the end of a short one, those at standstill and in the lead-in included.
+_LAST = 50
+
+
+@dataclass(frozen=True, kw_only=True)
+class FaultCase:
+    """
+    One fault.
+
+    stage : of the scan: homing, scanning, registering, meshing, finishing or starting
+    cause : causes it
+    request : parameters of the scan
+    remedy : what a person does before the next scan: clear_alarm, plug, continue; '' for nothing
+    hazard : the beam or the table is out of control from the fault on, so that the beam has to be
+        off within a second of the fault; else within a second of its detection
+    """
+
+    name: str
+    stage: str
+    cause: Callable[[FaultCell], object]
+    request: Mapping[str, Any] = field(default_factory=lambda: SHORT)
+    remedy: str = ''
+    hazard: bool = False
+
+
+class Effect(NamedTuple):
+    """
+    What a fault did.
+
+    code, detail : of the scan, '' where nothing was said
+    detected_s : from the fault to the result that says it; NaN for a scan that is OK
+    beam_off_s : from the fault until the beam was off for good; NaN for a scan that is OK
+    lost : acknowledged profiles that are not in the bag
+    wrong : the scan says OK and its shape is off by more than its uncertainty
+    next_code : of the next scan; 'OK' where it is good
+    down : ``ivfmc up`` took the cell down
+    """
+
+    fault: str
+    stage: str
+    code: str
+    detail: str
+    detected_s: float = math.nan
+    beam_off_s: float = math.nan
+    lost: int = 0
+    wrong: bool = False
+    next_code: str = ''
+    down: bool = False
+    remedy: str = ''
+    hazard: bool = False
+
+    @property
+    def noticed(self) -> bool:
+        """Whether the scan did not end as OK."""
+        return self.code != 'OK'
+
+    @property
+    def next_scan(self) -> str:
+        """What the table says of the next scan."""
+        if self.next_code != 'OK':
+            return f'no: {self.next_code}'
+        done = [text for text in ('the cell was started again' * self.down, self.remedy) if text]
+        return 'good' + (f', after: {", ".join(done)}' if done else '')
+
+
+class Baselines:
+    """Shares of points beyond their uncertainty in scans without a fault, by their parameters."""
+
+    def __init__(self, cell: FaultCell) -> None:
+        self._cell, self._shares = cell, dict[str, float]()
+
+    def take(self, request: Mapping[str, Any]) -> None:
+        """Scan once with these parameters unless that was done."""
+        key = _key(request)
+        if key not in self._shares:
+            self._cell.ensure()
+            scan_id = start(self._cell, request)
+            code = await_result(self._cell, scan_id)
+            assert code == 'OK', f'{code} without a fault: {self._cell.log}'
+            self._shares[key] = self._cell.share_off(scan_id)
+
+    def is_wrong(self, scan_id: str, request: Mapping[str, Any]) -> bool:
+        """Whether a scan has more points beyond their uncertainty than one without a fault."""
+        more = self._cell.share_off(scan_id) - self._shares[_key(request)]
+        return more > _WRONG_SHARE
+
+
+def _key(request: Mapping[str, Any]) -> str:
+    return f'{request["profiles"]} {request["lasers"]}'
+
+
+def start(cell: FaultCell, request: Mapping[str, Any]) -> str:
+    """Start a scan; returns its id."""
+    result = cell.client.set('orchestrator', **request)
+    assert result.successful, result.reason
+    success, answer = cell.client.trigger('start_scan')
+    assert success, answer
+    return str(answer['scan_id'])
+
+
+def await_result(cell: FaultCell, scan_id: str) -> str:
+    """Return the code of a scan when it has ended, '' if nothing said so."""
+    client = cell.client
+    client.wait(lambda: client.result(scan_id) or not cell.running, SCAN_S)
+    # the last words of a cell that ends
+    client.wait(lambda: client.result(scan_id), 2.0)
+    found = client.result(scan_id)
+    return str(found[1]['code']) if found else ''
+
+
+def reach(cell: FaultCell, scan_id: str, stage: str) -> bool:
+    """Wait for a stage of a scan; False if the scan ends before."""
+    client, begin_s = cell.client, time.monotonic()
+
+    def has(name: str) -> bool:
+        return client.state(scan_id).get('stage') == name
+
+    def written() -> int:
+        return max((count for when, count in client.counts if when > begin_s), default=-1)
+
+    reached = {
+        'starting': lambda: True,
+        'homing': lambda: has('PREPARING') and cell.table_speed() > _TURNS and not cell.lit(),
+        'scanning': lambda: (
+            has('SCANNING') and cell.lit() and cell.table_speed() > _TURNS and written() >= _SOME
+        ),
+        'last profiles': lambda: has('SCANNING') and written() >= _LAST,
+        'registering': lambda: has('REGISTERING'),
+        'meshing': lambda: has('MESHING'),
+        'finishing': lambda: has('FINISHING'),
+    }[stage]
+    client.wait(lambda: reached() or client.result(scan_id) or not cell.running, SCAN_S)
+    return bool(reached())
+
+
+def run_case(cell: FaultCell, baselines: Baselines, case: FaultCase) -> Effect:
+    """Scan with a fault, then without one."""
+    cell.ensure()
+    baselines.take(case.request)
+    cell.find_processes()
+    start_s = time.monotonic()
+    scan_id = start(cell, case.request)
+    if not reach(cell, scan_id, case.stage):
+        code = await_result(cell, scan_id)
+        return Effect(case.name, case.stage, code, f'{case.stage} was not reached')
+    begin_s = time.monotonic()
+    case.cause(cell)
+    effect = observe(cell, baselines, scan_id, case.request, start_s, begin_s)
+    effect = effect._replace(
+        fault=case.name, stage=case.stage, remedy=case.remedy, hazard=case.hazard
+    )
+    return effect._replace(next_code=next_code(cell, baselines, case.remedy))
+
+
+def observe(
+    cell: FaultCell,
+    baselines: Baselines,
+    scan_id: str,
+    request: Mapping[str, Any],
+    start_s: float,
+    begin_s: float,
+) -> Effect:
+    """Return what became of a scan with a fault at the steady second ``begin_s``."""
+    client = cell.client
+    code = await_result(cell, scan_id)
+    client.wait(lambda: False, _AFTER_S)
+    found = client.result(scan_id)
+    detail = str(found[1].get('detail', '')) if found else 'no result was published'
+    ended = code != 'OK'
+    acknowledged = max((count for when, count in client.counts if when > start_s), default=-1)
+    return Effect(
+        fault='',
+        stage='',
+        code=code,
+        detail=detail,
+        detected_s=(found[0] - begin_s if found else math.inf) if ended else math.nan,
+        beam_off_s=cell.beam_off_after(begin_s) if ended else math.nan,
+        lost=cell.lost_profiles(scan_id, acknowledged),
+        wrong=not ended and baselines.is_wrong(scan_id, request),
+        down=not cell.running,
+    )
+
+
+def next_code(cell: FaultCell, baselines: Baselines, remedy: str = '') -> str:
+    """Scan without a fault; returns 'OK' if the scan is good, else what is wrong with it."""
+    if cell.running:
+        cell.resume_processes()
+        if remedy == 'plug':
+            cell.controller_fault('plug')
+        if remedy in ('plug', 'clear_alarm'):
+            success, answer = cell.client.trigger('turntable/clear_alarm')
+            if not success:
+                return f'clear_alarm: {answer["code"]}: {answer.get("detail", "")}'
+    cell.ensure()
+    baselines.take(SHORT)
+    scan_id = start(cell, SHORT)
+    code = await_result(cell, scan_id)
+    if code != 'OK':
+        found = cell.client.result(scan_id)
+        return f'{code}: {found[1].get("detail", "") if found else "no result"}'
+    return 'a wrong shape' if baselines.is_wrong(scan_id, SHORT) else 'OK'
