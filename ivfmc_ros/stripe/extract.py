@@ -135,11 +135,12 @@ def _glare_estimates(
     u = thin.patches.column + estimate.position
     good &= _is_inside(crop, u, estimate)
     thin, u, estimate = thin[good], u[good], estimate[good]
-    good = glare.accepted(thin, u, estimate.width)
-    thin, u, estimate = thin[good], u[good], estimate[good]
+    clean = glare.has_no_tails(crop, thin, u, estimate)
+    good = glare.accepted(thin, u, estimate.width, clean)
+    thin, u, estimate, clean = thin[good], u[good], estimate[good], clean[good]
     if not len(u):
         return _estimates_of([])
-    u, estimate = glare.along_stripe(thin, u, estimate)
+    u, estimate = glare.along_stripe(thin, u, estimate, clean)
     return thin.rows, u, estimate
 
 

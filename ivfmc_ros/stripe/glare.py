@@ -37,7 +37,7 @@ _GLARE_FRACTION, _GLARE_LEVEL = 0.15, 6.0
 # Share of the rows from which pictures are taken to show inter-reflections.
 _GLARE_SHARE = 0.03
 # The directly lit stripe is the thinnest: this quantile of the widths of all rows.
-_WIDTH_QUANTILE = 0.25
+_WIDTH_QUANTILE = 0.15
 # Its limits, pixels: those of the setting ``expected_width``.
 _WIDTH_LIMITS = (0.3, 50.0)
 # Places beside a stripe between which the light under it is interpolated, in its sigmas.
@@ -58,8 +58,12 @@ _LINE_ROWS, _NOISY, _MAX_CHI2 = 4, 0.12, 1.6
 _SLOPE_ROWS = 4
 # Greatest slope, pixels a row, for which a stripe is taken to be widened.
 _MAX_SLOPE = 3.0
-# Least and greatest mean width of an accepted stripe, as a multiple of the expected one.
-_MIN_WIDTH, _MAX_WIDTH = 0.5, 1.8
+# Least and greatest mean width of an accepted stripe, as a multiple of the expected one; and the
+# greatest where the light beside it, at these distances in its own sigmas, is less than this
+# fraction of its height: broad light has such tails, a stripe on a slanted surface has none.
+_MIN_WIDTH, _MAX_WIDTH, _MAX_CLEAN_WIDTH = 0.5, 1.8, 2.6
+_TAIL_SIGMAS = np.linspace(3.0, 4.5, 4)
+_MAX_TAIL = 0.02
 # Fewest rows of an accepted piece of the stripe, and the least sum of their contrasts: a path
 # through the maxima of noise and of broad light, which are about 3, ends after a few rows.
 _MIN_ROWS, _MIN_EVIDENCE = 5, 40.0
@@ -129,6 +133,7 @@ class _Path:
 
     rows: Ints
     column: Ints
+    expected: Floats
     width: Floats
     contrast: Singles
 
@@ -174,14 +179,31 @@ def thin_stripe(crop: CroppedImage, settings: ExtractSettings, sigma: float) -> 
     )
     patches = Patches.cut(crop.gray, crop.scale, path.rows, rough, settings.window, None)
     patches = _without_pedestal(patches, left, right)
-    return ThinStripe(path.rows, patches, path.width, path.contrast, bend, bulge)
+    return ThinStripe(path.rows, patches, path.expected, path.contrast, bend, bulge)
 
 
-def accepted(stripe: ThinStripe, u: Floats, width: Floats) -> Bools:
+def has_no_tails(
+    crop: CroppedImage, stripe: ThinStripe, u: Floats, estimate: PeakEstimate
+) -> Bools:
+    """
+    Return (n,) bool: beside which rows there is as little light as beside a Gaussian.
+
+    u : (n,) pixels, fitted position
+    """
+    if not len(u):
+        return np.zeros(0, dtype=bool)
+    left, right = _beside(crop, stripe.rows, u, estimate.width, _TAIL_SIGMAS)
+    windows = _windows(quality.segment_starts(stripe.rows, u), len(u))
+    left, right, height = _means(np.stack([left, right, estimate.height]), *windows)
+    beside = np.maximum(left, right) - crop.scale * crop.dark
+    return np.asarray(beside < _MAX_TAIL * height)
+
+
+def accepted(stripe: ThinStripe, u: Floats, width: Floats, clean: Bools) -> Bools:
     """
     Return (n,) bool: which rows belong to a long enough piece of a stripe of expected width.
 
-    u, width : (n,) pixels, fitted position and sigma
+    u, width : (n,) pixels, fitted position and sigma; clean : (n,) see ``has_no_tails``
     """
     rows = stripe.rows
     if not len(rows):
@@ -189,8 +211,9 @@ def accepted(stripe: ThinStripe, u: Floats, width: Floats) -> Bools:
     ratio = width / stripe.expected
     first, after = _windows(quality.segment_starts(rows, u), len(rows))
     mean = _means(ratio[None], first, after)[0]
-    good = (mean > _MIN_WIDTH) & (mean < _MAX_WIDTH)
-    good &= (ratio > 0.7 * _MIN_WIDTH) & (ratio < 1.4 * _MAX_WIDTH)
+    greatest = np.where(clean, _MAX_CLEAN_WIDTH, _MAX_WIDTH)
+    good = (mean > _MIN_WIDTH) & (mean < greatest)
+    good &= (ratio > 0.7 * _MIN_WIDTH) & (ratio < 1.4 * greatest)
     kept = np.flatnonzero(good)
     if not len(kept):
         return np.asarray(good)
@@ -205,7 +228,7 @@ def accepted(stripe: ThinStripe, u: Floats, width: Floats) -> Bools:
 
 
 def along_stripe(
-    stripe: ThinStripe, u: Floats, estimate: PeakEstimate
+    stripe: ThinStripe, u: Floats, estimate: PeakEstimate, clean: Bools
 ) -> tuple[Floats, PeakEstimate]:
     """
     Return positions and estimates with less noise where a line fits the rows around.
@@ -230,17 +253,17 @@ def along_stripe(
     used = (sigma > _NOISY * stripe.expected) & (count > _LINE_ROWS + 1) & (chi2 < _MAX_CHI2)
     averaged = np.sqrt(s2 / determinant * np.maximum(chi2, 1.0))
     total = np.where(used, averaged, sigma)
-    doubt = stripe.expected * _shape_doubt(stripe, estimate)
+    doubt = stripe.expected * _shape_doubt(stripe, estimate, clean)
     return u + np.where(used, shift, 0.0), replace(estimate, sigma=np.hypot(total, doubt))
 
 
-def _shape_doubt(stripe: ThinStripe, estimate: PeakEstimate) -> Floats:
+def _shape_doubt(stripe: ThinStripe, estimate: PeakEstimate, clean: Bools) -> Floats:
     """Return 1 sigma of the positions due to the light under the stripe, in its widths, (n,)."""
     ratio = estimate.width / stripe.expected
     parts = (
         _BEND_FACTOR * stripe.bend * stripe.expected / estimate.height,
         _BULGE_FACTOR * stripe.bulge / estimate.height,
-        _WIDTH_FACTOR * np.maximum(ratio - 1.0 - _WIDTH_TOLERANCE, 0.0),
+        _WIDTH_FACTOR * np.where(clean, 0.0, np.maximum(ratio - 1.0 - _WIDTH_TOLERANCE, 0.0)),
     )
     return np.asarray(np.sqrt(sum(part**2 for part in parts)))
 
@@ -256,7 +279,10 @@ def _path(ridges: Ridges, sigma: float) -> _Path:
     last = np.minimum(index + _SLOPE_ROWS, starts[segment + 1] - 1) if len(rows) else index
     slope = (column[last] - column[first]) / np.maximum(rows[last] - rows[first], 1)
     slope = np.minimum(np.abs(slope), _MAX_SLOPE)
-    return _Path(rows, column, sigma * np.hypot(1.0, slope), ridges.contrast[place])
+    expected = sigma * np.hypot(1.0, slope)
+    width = np.clip(ridges.width[place], expected, _MAX_CLEAN_WIDTH * expected)
+    width = _means(width[None], *_windows(starts, len(rows)))[0]
+    return _Path(rows, column, expected, width, ridges.contrast[place])
 
 
 def _beside(

@@ -53,7 +53,7 @@ def test_doubling_finds_the_cheapest_of_all_paths():
     rng = np.random.default_rng(4)
     start = rng.random(3).astype(np.float32)
     steps = rng.random((3, 3, 6)).astype(np.float32)
-    least = path_search._path_costs(start, steps)
+    least = path_search.path_costs(start, steps)
     for row, peak in itertools.product(range(7), range(3)):
         costs = [
             start[way[0]] + sum(steps[way[k], way[k + 1], k] for k in range(row))
