@@ -95,7 +95,8 @@ def test_mesh_of_a_scan_is_decimated_within_a_quarter_of_sigma():
     sigma = np.concatenate([view.sigma[view.valid] for view in scanned])
     assert 0.0 < mesh.decimation_deviation <= 0.25 * np.median(sigma)
     assert full.decimation_deviation == 0.0
-    assert len(mesh.faces) < 0.5 * len(full.faces)
+    # a sphere is flat nowhere: within 2.5 micrometers it needs most of its faces
+    assert len(mesh.faces) < 0.7 * len(full.faces)
 
 
 def test_rough_surface_is_not_decimated_with_a_small_tolerance():
