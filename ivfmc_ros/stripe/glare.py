@@ -281,7 +281,7 @@ def _path(ridges: Ridges, sigma: float) -> _Path:
     slope = np.minimum(np.abs(slope), _MAX_SLOPE)
     expected = sigma * np.hypot(1.0, slope)
     width = np.clip(ridges.width[place], expected, _MAX_CLEAN_WIDTH * expected)
-    width = _means(width[None], *_windows(starts, len(rows)))[0]
+    width = _means(width[None].astype(np.float64), *_windows(starts, len(rows)))[0]
     return _Path(rows, column, expected, width, ridges.contrast[place])
 
 

@@ -12,12 +12,14 @@ path search (dynamic programming, ``path_search``) in which a row may also be em
 
 from dataclasses import dataclass
 from functools import lru_cache
+import math
 from typing import Any
 from typing import cast
 
 import cv2
 import numpy as np
 
+from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Bytes
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Image
@@ -115,7 +117,7 @@ def find_ridges(
     pixels = _ROWS / (1.0 / boxes.middle + 1.0 / boxes.side)
     of_noise = height / np.sqrt(variance / np.float32(pixels))
     column, found = _highest(row, at, of_noise, len(gray))
-    height, width = _measured(gray, scale, column, sigma)
+    height, width = _measured(gray, scale, column, np.isfinite(found), sigma)
     return Ridges(column, found, height, width, _path(column, found, width, sigma))
 
 
@@ -137,10 +139,15 @@ def _maxima(
 ) -> tuple[Ints, Ints]:
     """Return row and column of the maxima along rows that may exceed the noise, (n,) each."""
     size = 2 * int(np.ceil(_BLANKED_SIGMAS * sigma)) + 1
-    highest = cv2.dilate(contrast, np.ones((1, size), dtype=np.uint8))
     least = max(_LEAST_CONTRAST * noise.read / scale, 1.0)
-    maxima = cv2.compare(contrast, highest, cv2.CMP_EQ)
-    maxima[contrast < least] = 0
+    _, high = cv2.threshold(contrast, math.ceil(least) - 1, 0, cv2.THRESH_TOZERO)
+    highest = cv2.dilate(high, np.ones((1, size), dtype=np.uint8))
+    # all bits where a pixel is the highest around, and those of its contrast, which is not 0
+    maxima = cv2.compare(high, highest, cv2.CMP_EQ)
+    if high.dtype == np.uint8:
+        maxima = cv2.bitwise_and(maxima, high)
+    else:
+        maxima[high == 0] = 0
     if mask is not None:
         maxima = cv2.bitwise_and(maxima, mask)
     if not cv2.countNonZero(maxima):
@@ -165,19 +172,22 @@ def _highest(row: Ints, at: Ints, contrast: Singles, rows: int) -> tuple[Ints, S
     return column, found
 
 
-def _measured(gray: Image, scale: float, column: Ints, sigma: float) -> tuple[Singles, Singles]:
-    """Return height and width of candidates from their contrast at two scales."""
+def _measured(
+    gray: Image, scale: float, column: Ints, found: Bools, sigma: float
+) -> tuple[Singles, Singles]:
+    """Return height and width of candidates from their contrast at two scales; 0 if not found."""
     narrow, wide = _Boxes.of(sigma), _Boxes.of(2.0 * sigma)
-    reach = wide.reach
-    steps = np.arange(-reach, reach + 1)
-    columns = np.clip(column[..., None] + steps, 0, gray.shape[1] - 1)
-    averaged = cv2.blur(gray, (1, _ROWS), borderType=cv2.BORDER_REPLICATE)
-    pixels = averaged[np.arange(len(gray))[:, None, None], columns].astype(np.float32)
+    steps = np.arange(-wide.reach, wide.reach + 1)
+    row, number = np.nonzero(found)
+    columns = np.clip(column[row, number][:, None] + steps, 0, gray.shape[1] - 1)
+    around = np.clip(row[:, None] + np.arange(_ROWS) - _ROWS // 2, 0, len(gray) - 1)
+    pixels = gray[around[:, :, None], columns[:, None]].mean(axis=1, dtype=np.float32)
     sums = [_box_contrast(pixels, boxes) for boxes in (narrow, wide)]
-    ratio = sums[1] / np.maximum(sums[0], 1e-3)
+    height, width = np.zeros((2, *column.shape), dtype=np.float32)
     ratios, sigmas = _ratio_table(sigma)
-    width = np.interp(ratio, ratios, sigmas).astype(np.float32)
-    return np.float32(scale) * sums[0], width
+    height[row, number] = scale * sums[0]
+    width[row, number] = np.interp(sums[1] / np.maximum(sums[0], 1e-3), ratios, sigmas)
+    return height, width
 
 
 def _box_contrast(pixels: Any, boxes: _Boxes) -> Any:
@@ -205,21 +215,42 @@ def _ratio_table(sigma: float) -> tuple[Floats, Floats]:
 
 def _path(column: Ints, contrast: Singles, width: Singles, sigma: float) -> Ints:
     """Return the candidate of each row on the best path, -1 for empty rows."""
+    chosen = np.full(len(column), -1)
+    # rows without candidates are empty on any path
+    rows = np.flatnonzero(np.isfinite(contrast).any(axis=1))
+    if not len(rows):
+        return chosen
+    nodes = _node_costs(contrast[rows], width[rows], sigma)
+    transitions = _transition_costs(column[rows], rows)
+    forward = path_costs(nodes[0], transitions + nodes.T[None, :, 1:])
+    # the cost of a node belongs to the row that is entered: backward, to the one before
+    back = transitions + nodes.T[:, None, 1:].swapaxes(0, 1)
+    start = np.zeros(CANDIDATES + 1, np.float32)
+    backward = path_costs(start, back[..., ::-1].swapaxes(0, 1))
+    best = (forward + backward[:, ::-1]).argmin(axis=0)
+    chosen[rows] = np.where(best == CANDIDATES, -1, best)
+    return chosen
+
+
+def _node_costs(contrast: Singles, width: Singles, sigma: float) -> Singles:
+    """Return the cost of each candidate, and of an empty row, (rows, CANDIDATES + 1)."""
     found = np.isfinite(contrast)
     limited = np.clip(np.where(found, contrast, 0.0), 0.0, _MAX_CONTRAST)
-    stretch = np.log(width / sigma)
+    stretch = np.log(np.where(found, width, sigma) / sigma)
     doubt = np.hypot(_WIDTH_SCALE, _WIDTH_NOISE / np.maximum(limited, 1.0))
     loss = np.minimum(0.5 * (stretch / doubt) ** 2, _MAX_WIDTH_LOSS)
-    cost = np.where(found, _CHANCE - 0.5 * limited**2 + loss, _INFINITE_COST)
-    nodes = np.concatenate([cost, np.zeros((len(cost), 1))], axis=1).astype(np.float32)
+    nodes = np.zeros((len(contrast), CANDIDATES + 1), dtype=np.float32)
+    nodes[:, :-1] = np.where(found, _CHANCE - 0.5 * limited**2 + loss, _INFINITE_COST)
+    return nodes
+
+
+def _transition_costs(column: Ints, rows: Ints) -> Singles:
+    """Return the costs from candidate a of a row to b of the next, (a, b, rows - 1)."""
     step = np.abs(column.T[None, :, 1:] - column.T[:, None, :-1]) / _MAX_STEP
-    transitions = np.full((CANDIDATES + 1, CANDIDATES + 1, len(column) - 1), _EMPTY_COST)
-    transitions[:-1, :-1] = _STEP_COST * np.minimum(step**2, 1.0)
+    # between them lies an empty row
+    step[..., np.diff(rows) > 1] = 1.0
+    shape = CANDIDATES + 1, CANDIDATES + 1, len(rows) - 1
+    transitions = np.full(shape, _EMPTY_COST, dtype=np.float32)
+    transitions[:-1, :-1] = _STEP_COST * np.minimum(step * step, 1.0)
     transitions[-1, -1] = 0.0
-    moves = (transitions + nodes.T[None, :, 1:]).astype(np.float32)
-    forward = path_costs(nodes[0], moves)
-    # the node costs belong to the row that is entered: backward, to the one before
-    back = (transitions + nodes.T[:, None, 1:].swapaxes(0, 1)).astype(np.float32)
-    backward = path_costs(np.zeros(CANDIDATES + 1, np.float32), back[..., ::-1].swapaxes(0, 1))
-    best = (forward + backward[:, ::-1]).argmin(axis=0)
-    return np.asarray(np.where(best == CANDIDATES, -1, best))
+    return transitions
