@@ -207,7 +207,7 @@ class Acquisition:
         width = settings.expected_width or expected_width(stripe.width)
         if width is None:
             return settings
-        chosen = 'on' if settings.glare == 'on' or is_glaring(glare) else 'off'
+        chosen = 'on' if settings.glare == 'on' or is_glaring(glare) else 'auto'
         return replace(settings, glare=chosen, expected_width=width)
 
     def _least_width(self, frames: Sequence[Frame], settings: ExtractSettings) -> float | None:
@@ -220,7 +220,7 @@ class Acquisition:
 
     def _extract(self, frame: Frame, settings: ExtractSettings) -> Stripe:
         direction = self.cell.lasers[frame.laser].stripe
-        if settings.glare == 'auto':
+        if settings.glare == 'auto' and settings.expected_width is None:
             settings = self._with_glare([frame], replace(settings, method=_fixed(settings.method)))
         if frame.dark is not None:
             settings = replace(settings, noise=noise_of_difference(settings.noise))

@@ -116,12 +116,19 @@ def _estimates_by_glare(
     crop: CroppedImage, settings: ExtractSettings
 ) -> tuple[Ints, Floats, PeakEstimate]:
     """Return the estimates of ``_estimates``, or those of thin stripes with ``glare`` on."""
-    if settings.glare != 'on' or settings.method not in ('auto', DEFAULT):
-        return _estimates(crop, settings)
-    width = settings.expected_width
-    if width is None:
-        width = glare.expected_width(_estimates(crop, settings)[2].width)
-    return _estimates_of([]) if width is None else _glare_estimates(crop, settings, width)
+    choice, width = settings.glare, settings.expected_width
+    if settings.method not in ('auto', DEFAULT):
+        choice = 'off'
+    if choice == 'on' and width is not None:
+        return _glare_estimates(crop, settings, width)
+    found = _estimates(crop, settings)
+    if choice == 'on':
+        width = glare.expected_width(found[2].width)
+    elif choice == 'auto' and width is not None:
+        rows, u, estimate = found
+        shown = glare.shows_glare(crop, rows, u, estimate.width, estimate.height)
+        choice = 'on' if glare.is_glaring(shown) else 'off'
+    return found if choice != 'on' or width is None else _glare_estimates(crop, settings, width)
 
 
 def _glare_estimates(

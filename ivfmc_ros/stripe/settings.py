@@ -37,9 +37,10 @@ class ExtractSettings:
     least_width : pixels; a stripe with a smaller sigma is taken as cut by an edge; None:
         estimated from the first images of a scan, no limit in a single image
     glare : search for a thin stripe beside broad light, which inter-reflections on metal cause:
-        on, off, or auto: if the first images of a scan show such light (``extract`` alone: off)
+        on, off, or auto: in all images if the first ones of a scan show such light, and else in
+        those that show it
     expected_width : pixels; sigma of the directly lit stripe for this search; None: from the
-        first images of a scan, or from the single image
+        first images of a scan (in a single image auto is off without it)
     along : rows; sigma of the Gaussian that smooths positions along the stripe; 0: off
     image_bits : significant bits of 16-bit images, 8 to 16, where the camera sends 10, 12 or 14
         bits in the low ones; 0: unknown, and images that look like fewer bits are refused
