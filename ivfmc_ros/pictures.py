@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Picture files: listing of a folder, and decoding that refuses truncated files."""
 
+from collections.abc import Sequence
 from pathlib import Path
 import re
 from typing import cast
@@ -53,6 +54,25 @@ def list_pictures(folder: Path) -> list[Path]:
     if not pictures:
         raise FileError(f'{folder}: holds no picture; what counts are {", ".join(SUFFIXES)} files')
     return sorted(pictures, key=lambda path: natural_key(path.name))
+
+
+def list_picture_tree(folders: Sequence[Path]) -> list[Path]:
+    """
+    Return the pictures of folders and of all folders in them, in natural order.
+
+    :raises FileError: a folder cannot be read, or there is no picture
+    """
+    pictures = []
+    for folder in folders:
+        if not folder.is_dir():
+            raise FileError(f'{folder}: the folder cannot be read: there is none of this name')
+        pictures += [path for path in folder.rglob('*') if _is_picture(path)]
+    if not pictures:
+        raise FileError(
+            f'{", ".join(map(str, folders))}: no picture in it; what counts are '
+            f'{", ".join(SUFFIXES)} files'
+        )
+    return sorted(dict.fromkeys(pictures), key=lambda path: natural_key(str(path)))
 
 
 def _is_picture(path: Path) -> bool:

@@ -14,6 +14,7 @@ from ivfmc_ros import files
 from ivfmc_ros.calibration.boards.board import Board
 from ivfmc_ros.calibration.boards.board_shape import BoardShape
 from ivfmc_ros.calibration.camera.calibrate import CameraCalibration
+from ivfmc_ros.calibration.joint.calibrate import JointCalibration
 from ivfmc_ros.calibration.laser.calibrate import LaserCalibration
 from ivfmc_ros.calibration.turntable.calibrate import angle_steps
 from ivfmc_ros.calibration.turntable.calibrate import TurntableCalibration
@@ -99,6 +100,46 @@ def turntable_report(result: TurntableCalibration, warnings: list[str]) -> Docum
         'length_over_nominal': result.scale,
         'bloom_px': result.adjusted.axis.bloom,
         'warnings': warnings,
+    }
+
+
+def joint_report(result: JointCalibration, unknown: Mapping[str, str]) -> Document:
+    """Return the report of a joint calibration; ``unknown`` are the pictures that show nothing."""
+    covariance = result.cell.covariance
+    noise = result.adjusted.noise
+    camera = result.cell.camera
+    return {
+        'rms': result.rms,
+        'rms_of_separate_steps': result.steps_rms,
+        'noise': {
+            'board_px': noise.board,
+            'platter_px': noise.platter,
+            'board_stripe_common_m': noise.board_stripe,
+            'platter_stripe_common_m': noise.platter_stripe,
+        },
+        'pictures': {
+            'board': len(result.adjusted.residuals.boards),
+            'board_with_stripe': len(result.adjusted.residuals.board_stripes),
+            'platter': len(result.adjusted.residuals.platter),
+            'platter_with_stripe': len(result.adjusted.residuals.platter_stripes),
+        },
+        'pictures_not_used': dict(unknown),
+        'intrinsics': [
+            *camera.K[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(),
+            *camera.distortion.tolist(),
+        ],
+        'worst_point_u_m': result.worst_point_u,
+        'scale_u': None if covariance is None else covariance.scale_u,
+        'std': {}
+        if covariance is None
+        else dict(
+            zip(
+                covariance.parameters,
+                np.sqrt(np.diag(covariance.matrix)).tolist(),
+                strict=True,
+            )
+        ),
+        'not_determined_by_the_pictures': list(result.unobserved),
     }
 
 

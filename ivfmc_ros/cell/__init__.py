@@ -13,4 +13,5 @@ from ivfmc_ros.cell.cell import Cell as Cell
 from ivfmc_ros.cell.cell import Turntable as Turntable
 from ivfmc_ros.cell.cell_file import load_cell as load_cell
 from ivfmc_ros.cell.cell_file import save_cell as save_cell
+from ivfmc_ros.cell.covariance import CellCovariance as CellCovariance
 from ivfmc_ros.cell.laser import LaserPlane as LaserPlane

@@ -36,6 +36,7 @@ class Camera:
     K : (3, 3) float64 camera matrix, pixels
     distortion : (5,) for plumb_bob or (8,) for rational_polynomial, OpenCV's order
     model : ROS name of the distortion model
+    covariance : (4 + n, 4 + n) of fx, fy, cx, cy and the n distortion coefficients, or None
     :raises CellError: a value is impossible
     """
 
@@ -45,6 +46,7 @@ class Camera:
     distortion: Floats
     model: str = 'plumb_bob'
     name: str = 'camera'
+    covariance: Floats | None = None
 
     def __post_init__(self) -> None:
         if self.width <= 0 or self.height <= 0:
@@ -61,6 +63,9 @@ class Camera:
         expected = DISTORTION_COEFFICIENTS[self.model]
         if self.distortion.shape != (expected,) or not np.isfinite(self.distortion).all():
             raise CellError(f'distortion_coefficients: {self.model} has {expected} finite numbers')
+        shape = (4 + expected, 4 + expected)
+        if self.covariance is not None and self.covariance.shape != shape:
+            raise CellError(f'covariance: {shape[0]} x {shape[0]} numbers are needed')
 
     @property
     def size(self) -> tuple[int, int]:

@@ -42,10 +42,20 @@ def load_camera(path: Path) -> Camera:
             model=model,
             # YAML parses a serial number to an integer
             name=str(fields.required('camera_name')) if fields.has('camera_name') else 'camera',
+            covariance=_read_covariance(fields),
         )
     except CellError as error:
         text = str(error)
         raise error if text.startswith(str(path)) else CellError(f'{path}: {text}') from None
+
+
+def _read_covariance(fields: YamlMapping) -> Floats | None:
+    """Return the covariance of the intrinsics; other programs do not write the key."""
+    if not fields.has('covariance'):
+        return None
+    matrix = fields.mapping('covariance')
+    rows = matrix.positive_integer('rows')
+    return matrix.array('data', rows * rows).reshape(rows, rows)
 
 
 def save_camera(path: Path, camera: Camera) -> None:
@@ -55,7 +65,7 @@ def save_camera(path: Path, camera: Camera) -> None:
     :raises FileError: the file cannot be written
     """
     projection = np.hstack([camera.K, np.zeros((3, 1))])
-    document = {
+    document: dict[str, object] = {
         'image_width': camera.width,
         'image_height': camera.height,
         'camera_name': camera.name,
@@ -65,6 +75,9 @@ def save_camera(path: Path, camera: Camera) -> None:
         'rectification_matrix': _matrix(np.eye(3)),
         'projection_matrix': _matrix(projection),
     }
+    if camera.covariance is not None:
+        # drivers skip keys that they do not know
+        document['covariance'] = _matrix(camera.covariance)
     files.write_text(path, yaml.safe_dump(document, sort_keys=False, default_flow_style=None))
 
 

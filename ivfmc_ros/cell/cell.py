@@ -11,6 +11,8 @@ import numpy as np
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.camera import Camera
+from ivfmc_ros.cell.covariance import CellCovariance
+from ivfmc_ros.cell.covariance import parameter_names
 from ivfmc_ros.cell.laser import LaserPlane
 from ivfmc_ros.errors import CellError
 from ivfmc_ros.model import Floats
@@ -71,7 +73,9 @@ class Cell:
 
     lasers : in the order to which ``Frame.laser`` and ``Profile.laser`` refer
     notes : of the calibration: board (which gave the scale), temperature_c, exposure, focus
-    :raises CellError: no laser, two of one name, or a plane that the camera cannot see
+    covariance : of all parameters together, from a joint calibration; None if there was none
+    :raises CellError: no laser, two of one name, a plane that the camera cannot see, or a
+        covariance of other parameters
     """
 
     camera: Camera
@@ -79,6 +83,7 @@ class Cell:
     lasers: tuple[LaserPlane, ...]
     camera_frame: str = 'camera_optical_frame'
     notes: Mapping[str, Any] = field(default_factory=dict)
+    covariance: CellCovariance | None = None
 
     def __post_init__(self) -> None:
         if not self.lasers:
@@ -89,6 +94,12 @@ class Cell:
         for laser in self.lasers:
             if not is_visible(self.camera, laser):
                 raise CellError(f'lasers: {laser.name}: plane: the camera cannot see it')
+        expected = parameter_names(self.camera, names)
+        if self.covariance is not None and self.covariance.parameters != expected:
+            raise CellError(
+                'covariance: parameters: must be those of camera, lasers and axis, in this order: '
+                + ', '.join(expected)
+            )
 
 
 def is_visible(camera: Camera, laser: LaserPlane, max_depth: float = 20.0) -> bool:

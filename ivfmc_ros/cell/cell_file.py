@@ -19,6 +19,7 @@ from ivfmc_ros import files
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.cell import Turntable
+from ivfmc_ros.cell.covariance import CellCovariance
 from ivfmc_ros.cell.fields import YamlMapping
 from ivfmc_ros.cell.laser import Bow
 from ivfmc_ros.cell.laser import LaserPlane
@@ -30,7 +31,7 @@ _T = TypeVar('_T')
 
 _VERSION = 1
 _NOTES = ('temperature_c', 'exposure', 'focus', 'board')
-_TOP_KEYS = ('version', 'camera_frame', 'turntable', 'lasers', 'created', *_NOTES)
+_TOP_KEYS = ('version', 'camera_frame', 'turntable', 'lasers', 'covariance', 'created', *_NOTES)
 _LASER_KEYS = (
     'name',
     'plane',
@@ -50,7 +51,8 @@ class CellDraft:
 
     Calibrations add them one by one.
 
-    notes : the optional keys temperature_c, exposure, focus, board, unchecked
+    notes : the optional keys temperature_c, exposure, focus, board
+    covariance : of all parameters together; a new laser or turntable ends its validity
     created : ISO 8601 time of the file; None for a changed draft
     :raises ValueError: a note has another key
     """
@@ -59,6 +61,7 @@ class CellDraft:
     lasers: tuple[LaserPlane, ...] = ()
     camera_frame: str = 'camera_optical_frame'
     notes: dict[str, Any] = field(default_factory=dict)
+    covariance: CellCovariance | None = None
     created: str | None = None
 
     def __post_init__(self) -> None:
@@ -74,11 +77,11 @@ class CellDraft:
             lasers[names.index(laser.name)] = laser
         else:
             lasers.append(laser)
-        return replace(self, lasers=tuple(lasers), created=None)
+        return replace(self, lasers=tuple(lasers), covariance=None, created=None)
 
     def with_turntable(self, turntable: Turntable) -> 'CellDraft':
         """Return the draft with the turntable set."""
-        return replace(self, turntable=turntable, created=None)
+        return replace(self, turntable=turntable, covariance=None, created=None)
 
     def with_notes(self, **notes: Any) -> 'CellDraft':
         """Return the draft with notes added or replaced."""
@@ -102,6 +105,7 @@ class CellDraft:
                 lasers=self.lasers,
                 camera_frame=self.camera_frame,
                 notes=self.notes,
+                covariance=self.covariance,
             )
         except CellError as error:
             raise CellError(f'{where}: {error}') from None
@@ -138,6 +142,7 @@ def load_draft(path: Path) -> CellDraft:
         ),
         camera_frame=fields.text('camera_frame'),
         notes={key: fields.values[key] for key in _NOTES if fields.has(key)},
+        covariance=_read_covariance(fields) if fields.has('covariance') else None,
         created=fields.timestamp('created') if fields.has('created') else None,
     )
 
@@ -153,6 +158,8 @@ def save_draft(path: Path, draft: CellDraft) -> None:
     if draft.turntable is not None:
         document['turntable'] = _turntable_document(draft.turntable)
     document['lasers'] = [_laser_document(laser) for laser in draft.lasers]
+    if draft.covariance is not None:
+        document['covariance'] = _covariance_document(draft.covariance)
     document['created'] = draft.created or now
     document.update(draft.notes)
     files.write_text(path, yaml.safe_dump(document, sort_keys=False, default_flow_style=None))
@@ -169,6 +176,7 @@ def save_cell(path: Path, cell: Cell) -> None:
         lasers=cell.lasers,
         camera_frame=cell.camera_frame,
         notes=dict(cell.notes),
+        covariance=cell.covariance,
     )
     save_draft(path, draft)
 
@@ -209,6 +217,23 @@ def _read_laser(fields: YamlMapping) -> LaserPlane:
     )
 
 
+def _read_covariance(top: YamlMapping) -> CellCovariance:
+    fields = top.mapping('covariance')
+    fields.require_known_keys('parameters', 'matrix', 'scale_u')
+    names = fields.required('parameters')
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise fields.error('parameters', 'must be a list of names')
+    count = len(names)
+    return _with_location(
+        top,
+        lambda: CellCovariance(
+            parameters=tuple(names),
+            matrix=fields.array('matrix', count * count).reshape(count, count),
+            scale_u=fields.number('scale_u') if fields.has('scale_u') else None,
+        ),
+    )
+
+
 def _read_bow(fields: YamlMapping) -> Bow:
     fields.require_known_keys('center', 'along', 'coefficients')
     return Bow(
@@ -233,6 +258,14 @@ def _with_location(fields: YamlMapping, build: Callable[[], _T]) -> _T:
         raise (
             error if text.startswith(fields.where) else CellError(f'{fields.where}: {text}')
         ) from None
+
+
+def _covariance_document(covariance: CellCovariance) -> dict[str, Any]:
+    return {
+        'parameters': list(covariance.parameters),
+        'matrix': covariance.matrix.ravel().tolist(),
+        'scale_u': covariance.scale_u,
+    }
 
 
 def _turntable_document(turntable: Turntable) -> dict[str, Any]:

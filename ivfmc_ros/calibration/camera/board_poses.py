@@ -79,13 +79,13 @@ def estimate_board_poses(
     start = BundleState(
         intrinsics=np.array([*camera.K[[0, 1, 0, 1], [0, 1, 2, 2]], *camera.distortion]),
         board_shape=BoardShape.flat(board),
-        poses=np.array([_initial_pose(board, view, camera) for view in views]),
+        poses=np.array([initial_board_pose(board, view, camera) for view in views]),
         covariance=np.zeros((0, 0)),
         residuals=(),
     )
     free = FreeParameters(intrinsics=False, fit_stretch=fit_bend, fit_bend=fit_bend)
     bundle = adjust_with_shape(board, views, start, free)
-    views = [_without_outliers(view, r) for view, r in zip(views, bundle.residuals, strict=True)]
+    views = [without_outliers(view, r) for view, r in zip(views, bundle.residuals, strict=True)]
     bundle = adjust_with_shape(board, views, replace(bundle, residuals=()), free)
     covariances = pose_covariances(board, views, bundle)
     board_poses = [
@@ -95,14 +95,19 @@ def estimate_board_poses(
     return board_poses, inlier_views(bundle.view_rms)
 
 
-def _without_outliers(view: Corners, residuals: Floats) -> Corners:
-    """Remove corners with large residuals: the stripe displaces those that it crosses."""
+def without_outliers(view: Corners, residuals: Floats) -> Corners:
+    """
+    Return the corners without those of large residuals: the stripe displaces those it crosses.
+
+    residuals : (n, 2) pixels
+    """
     off = np.linalg.norm(residuals, axis=1)
     keep = off <= max(_OUTLIER_FACTOR * float(np.median(off)), _MIN_OUTLIER_PX)
     return view.select(keep) if keep.sum() >= MIN_CORNERS else view
 
 
-def _initial_pose(board: Board, view: Corners, camera: Camera) -> Floats:
+def initial_board_pose(board: Board, view: Corners, camera: Camera) -> Floats:
+    """Return the (6,) pose of a flat board in one picture (Collins & Bartoli 2014, IPPE)."""
     # IPPE returns both poses of the planar ambiguity; take the one that fits better
     _, turns, shifts, errors = cv2.solvePnPGeneric(
         board.corners_xyz[view.ids],

@@ -203,16 +203,16 @@ def _estimate_view_error(views: Sequence[StripePoints], fit: PlaneFit) -> float:
     """
     excess = []
     for view in views:
-        projector = np.linalg.pinv(_error_shapes(view))
+        projector = np.linalg.pinv(error_shapes(view.points_xyz))
         pixel, pose = _distance_noise(view, fit.normal)
         expected = (projector**2) @ pixel + ((projector @ pose) ** 2).sum(axis=1)
         excess.append((projector @ fit.distance(view.points_xyz)) ** 2 - expected)
     return float(np.sqrt(max(np.mean(excess), 0.0)))
 
 
-def _error_shapes(view: StripePoints) -> Floats:
+def error_shapes(points_xyz: Floats) -> Floats:
     """Return (n, 3): offset, slope and curvature along the stripe (Legendre polynomials)."""
-    points = view.points_xyz - view.points_xyz.mean(axis=0)
+    points = points_xyz - points_xyz.mean(axis=0)
     along = points @ np.linalg.svd(points, full_matrices=False)[2][0]
     along = along / max(np.abs(along).max(), 1e-12)
     return np.stack([np.ones_like(along), along, 1.5 * along**2 - 0.5], axis=1)
@@ -252,7 +252,7 @@ def _weighted_design(
 ) -> Floats:
     """Return C^-1 design, with C the covariance of the distances of a view (Woodbury)."""
     pixel, pose = _distance_noise(view, fit.normal)
-    common = np.hstack([pose, view_sigma * _error_shapes(view)])
+    common = np.hstack([pose, view_sigma * error_shapes(view.points_xyz)])
     scaled = design / pixel[:, None]
     inner = np.eye(common.shape[1]) + common.T @ (common / pixel[:, None])
     correction = (common / pixel[:, None]) @ np.linalg.solve(inner, common.T @ scaled)

@@ -102,7 +102,7 @@ def adjust_axis(
     )
     axis, equations, damping = start, problem.linearize(start), 1e-4
     for _ in range(_MAX_ITERATIONS):
-        trial = _apply_step(axis, *problem.step(equations, damping))
+        trial = apply_axis_step(axis, *problem.step(equations, damping))
         # weights and noise level of the last accepted state, so that the costs are comparable
         cost = problem.cost(trial, equations)
         gain = equations.cost - cost
@@ -149,7 +149,7 @@ def _free_columns(start: AxisState, free: FreeAxisParameters) -> Ints:
     return np.flatnonzero(free_mask)
 
 
-def _apply_step(axis: AxisState, common: Floats, angles: Floats) -> AxisState:
+def apply_axis_step(axis: AxisState, common: Floats, angles: Floats) -> AxisState:
     """Apply a step of all common parameters and of the angles."""
     turn = np.asarray(cv2.Rodrigues(np.array([common[0], common[1], 0.0]))[0], dtype=np.float64)
     step = transforms.rigid(turn, common[2:_BASE])
@@ -241,13 +241,13 @@ class _LeastSquaresProblem:
         for column in self.columns:
             unit = np.zeros(self.size)
             unit[column] = _STEP
-            ahead = self.residuals(_apply_step(axis, unit, still))
-            behind = self.residuals(_apply_step(axis, -unit, still))
+            ahead = self.residuals(apply_axis_step(axis, unit, still))
+            behind = self.residuals(apply_axis_step(axis, -unit, still))
             pixels.append((behind[0] - ahead[0]).ravel() / (2 * _STEP))
             lengths.append((behind[1] - ahead[1]) / (2 * _STEP))
         none = np.zeros(self.size)
-        ahead = self.residuals(_apply_step(axis, none, still + _STEP))
-        behind = self.residuals(_apply_step(axis, none, still - _STEP))
+        ahead = self.residuals(apply_axis_step(axis, none, still + _STEP))
+        behind = self.residuals(apply_axis_step(axis, none, still - _STEP))
         J_angles = (behind[0] - ahead[0]).ravel() / (2 * _STEP)
         shape = (2 * len(self.observations), 0)
         J_pixels = np.stack(pixels, axis=1) if pixels else np.zeros(shape)

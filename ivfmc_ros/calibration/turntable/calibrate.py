@@ -118,7 +118,7 @@ def calibrate_turntable(
     platter_points = stripes.platter_points if stripes else PlatterPoints.empty()
     free = free_parameters(views.target, stripes)
     adjusted, kept = _adjust(camera, views, first.axis, free, platter_points)
-    axis = _x_towards_camera(adjusted.axis)
+    axis = x_towards_camera(adjusted.axis)
     adjusted = replace(adjusted, axis=axis)
     if np.sqrt(np.diag(adjusted.covariance)[2:4].max()) > _MAX_AXIS_STD:
         raise CalibrationError(
@@ -200,8 +200,8 @@ def _relative_to_first(axis: AxisState, angles: Floats) -> AxisState:
     return axis.with_rotated_layout(float(axis.angles[0]), angles)
 
 
-def _x_towards_camera(axis: AxisState) -> AxisState:
-    """Rotate the base about its z axis so that its x axis points to the camera."""
+def x_towards_camera(axis: AxisState) -> AxisState:
+    """Return the state with its base rotated about z so that x points to the camera."""
     center = transforms.invert(axis.camera_from_base)[:3, 3]
     azimuth = float(np.arctan2(center[1], center[0]))
     turn = transforms.rigid(transforms.rotation_z(azimuth), np.zeros(3))

@@ -41,12 +41,14 @@ class PlatterStripes:
 
     picture : (n,) index into ``pictures``
     uv : (n, 2) pixel
+    pixel_sigma : (pictures,) 1 sigma of a stripe position, pixels
     platter_points : the triangulated points, with the 1 sigma of their heights
     """
 
     pictures: tuple[Path, ...]
     picture: np.ndarray[tuple[int], np.dtype[np.int64]]
     uv: Floats
+    pixel_sigma: Floats
     platter_points: PlatterPoints
 
 
@@ -87,6 +89,7 @@ def find_platter_stripes(
         pictures=tuple(path for path, *_ in found),
         picture=picture[seen],
         uv=uv[seen],
+        pixel_sigma=np.array([s for *_, s in found]),
         platter_points=platter_points,
     )
 

@@ -27,6 +27,7 @@ from ivfmc_ros.cli.support.output import console
 from ivfmc_ros.cli.support.quantities import angle
 from ivfmc_ros.cli.support.quantities import length
 from ivfmc_ros.errors import FileError
+from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.pictures import list_pictures
 
 # generic since click 8.3; click 8.1 cannot be subscripted
@@ -36,6 +37,7 @@ else:
     _ParamType = click.ParamType
 
 PATH = click.Path(path_type=Path)
+_MAX_FRACTION = 0.1  # a greater relative uncertainty is a mistake in the unit
 _MAX_NAMES = 4  # of pictures, printed per reason
 
 
@@ -50,7 +52,35 @@ class _ParsedType(_ParamType):
         return self._parse(value) if isinstance(value, str) else value
 
 
+def _parse_target(text: str) -> Board | Markers:
+    return parse_markers(text) if text.count(':') == 1 else parse_board(text)
+
+
+def _parse_laser_words(text: str) -> tuple[str, tuple[str, ...]]:
+    name, equals, words = text.partition('=')
+    own = tuple(word.strip() for word in words.split(',') if word.strip())
+    if not name or (equals and not own):
+        raise ParameterError(f'laser: {text!r} is not understood; write NAME or NAME=WORD,WORD')
+    return name, own or (name,)
+
+
+def _parse_fraction(text: str) -> float:
+    """Return a fraction of 1 from a percentage such as '0.02%'."""
+    try:
+        value = float(text.strip().removesuffix('%')) / 100.0
+    except ValueError:
+        value = math.nan
+    if not (text.strip().endswith('%') and 0.0 <= value < _MAX_FRACTION):
+        raise ParameterError(
+            f'{text!r} is no uncertainty from 0% to {_MAX_FRACTION:.0%}; write e.g. 0.02%'
+        )
+    return value
+
+
 BOARD = _ParsedType('board', parse_board)
+TARGET = _ParsedType('target', _parse_target)
+LASER_WORDS = _ParsedType('laser', _parse_laser_words)
+FRACTION = _ParsedType('percent', _parse_fraction)
 MARKERS = _ParsedType('markers', parse_markers)
 LENGTH = length(1e-9)
 ANGLE = angle(-math.pi, math.pi)
@@ -142,6 +172,11 @@ def print_result(
     for warning in warnings:
         stdout.print(warning_line(warning), soft_wrap=True)
     stdout.print(f'written: {", ".join(map(str, files))}', soft_wrap=True)
+
+
+def print_line(text: str) -> None:
+    """Print one line to stdout, without markup."""
+    console().print(Text(text), soft_wrap=True)
 
 
 def warning_line(text: str) -> Text:

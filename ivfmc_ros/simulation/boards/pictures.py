@@ -117,6 +117,33 @@ def render_platter_board(
     return expose(light.steady, light.laser, optics, rng or np.random.default_rng(0))
 
 
+def render_platter(
+    cell: Cell,
+    platter: Platter,
+    laser: int | None = None,
+    *,
+    optics: Optics | None = None,
+    rng: np.random.Generator | None = None,
+    surroundings: Surroundings | None = None,
+) -> NDArray[np.uint8]:
+    """
+    Return a picture of the bare platter, which looks the same at every table angle.
+
+    others : as ``render_board``
+    returns : (height, width) uint8
+    """
+    optics, surroundings = optics or Optics(), surroundings or Surroundings()
+    light = plane_renderer.composite(
+        plane_renderer.ambient_light(cell.camera, optics.ambient),
+        cell.camera,
+        _disc_texture(platter),
+        cell.turntable.camera_from_base @ _FACE_UP,
+        level=_level(surroundings, laser),
+        beam=_light_beam(cell, laser, optics, surroundings),
+    )
+    return expose(light.steady, light.laser, optics, rng or np.random.default_rng(0))
+
+
 def platter_board_pose(cell: Cell, board: Board, angle: float, thickness: float = 0.0) -> Floats:
     """Return the (4, 4) camera_from_board of a board on the platter at a table angle."""
     turn = transforms.rigid(transforms.rotation_z(angle), (0.0, 0.0, thickness))

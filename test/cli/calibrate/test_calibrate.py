@@ -97,6 +97,50 @@ def test_rendered_cell_is_calibrated_from_pictures(run, pictures, tmp_path):
     )
 
 
+def test_folder_of_all_kinds_is_calibrated_together(run, pictures, tmp_path):
+    (tmp_path / 'out').mkdir()
+    words = ('--board', CHESSBOARD, '--platter', CHARUCO, '--board-u', '0.02%', '-o', 'out')
+    code, written = run(pictures, *words)
+    assert code == 0, written.err
+    assert 'separate steps' in written.out
+    assert 'not determined by the pictures: scale' in written.out
+    camera = load_camera(tmp_path / 'out' / 'camera.yaml')
+    found = load_draft(tmp_path / 'out' / 'cell.yaml').complete(camera, 'cell.yaml')
+    cell = small_cell()
+    true = cell.turntable.camera_from_base
+    assert np.linalg.norm(found.turntable.camera_from_base[:3, 3] - true[:3, 3]) < 1e-3
+    assert np.degrees(np.arccos(found.lasers[0].normal @ cell.lasers[0].normal)) < 0.3
+    assert found.covariance.scale_u == pytest.approx(2e-4)
+    assert camera.covariance.shape == (9, 9)
+    report = json.loads((tmp_path / 'out' / 'cell.joint.report.json').read_text())
+    counts = report['pictures']
+    # a picture or two may be outliers of a step
+    assert 18 <= counts['board'] <= 21
+    assert 10 <= counts['board_with_stripe'] <= 12
+    assert (counts['platter'], counts['platter_with_stripe']) == (6, 0)
+    assert report['std']['fx'] > 0
+
+
+def test_folder_without_a_laser_is_refused(run, pictures):
+    words = ('--board', CHESSBOARD, '--platter', CHARUCO, '--laser', 'left')
+    assert_refused(run('all', pictures, *words), 'stripe of laser left', "'left'", '--laser')
+
+
+@pytest.mark.parametrize(
+    ('option', 'value', 'text'),
+    [
+        ('--laser', 'left=', 'NAME=WORD'),
+        ('--board-u', '0.5', '0.02%'),
+        ('--board-u', '30%', '0.02%'),
+        ('--platter', 'DICT_4X4_50', 'board'),
+    ],
+)
+def test_options_that_are_not_understood_are_refused(run, pictures, option, value, text):
+    words = {'--board': CHESSBOARD, '--platter': CHARUCO, option: value}
+    given = [word for pair in words.items() for word in pair]
+    assert_refused(run('all', pictures, *given), text)
+
+
 @pytest.fixture
 def calibrated(tmp_path):
     """A folder with a camera.yaml and a cell.yaml."""
