@@ -219,7 +219,7 @@ def _reconstruct(
             cell, views = refined.cell, refined.views
         poses, verdicts = register_views(views, settings)
         misfit = laser_misfit(views, poses)
-        table = check_registration(views, poses, verdicts)
+        table = check_registration(views, poses, verdicts, cell)
     with watch.stage('meshing'):
         progress('meshing', 0, 1)
         mesh, used = mesh_views(cell, views, poses, settings)
@@ -257,7 +257,7 @@ def register_clamping(
         refined = refine(cell, views, settings.refine)
         cell, views = refined.cell, refined.views
     poses, verdicts = register_views(views, settings)
-    table = check_registration(views, poses, verdicts)
+    table = check_registration(views, poses, verdicts, cell)
     if table.code == 'SLIPPED':
         raise GeometryError(f'{name}: {table.detail}')
     return Clamping(name=name, cell=cell, views=views, poses=poses)

@@ -29,6 +29,8 @@ _SAME_ANGLE = math.radians(15.0)
 # 30 mm. Larger slips are found by the search over rotations.
 _MAX_DISTANCE = 1.5e-3
 _MIN_CORRESPONDENCES = 20
+# The normals must pass the axis at this distance, meters rms: else the surface is round.
+_MIN_ARM = 1e-3
 # Iterations of correspondences and rotation; they settle in five.
 _ITERATIONS = 8
 _SETTLED = 1e-6  # radians
@@ -97,11 +99,11 @@ def _fit(pairs: list[tuple[Section, Section]], spacing: float) -> Closure | None
         if len(found) < _MIN_CORRESPONDENCES:
             return None
         change, sigma = _rotation(found)
+        if not math.isfinite(change):
+            return None
         size += change
         if abs(change) < _SETTLED:
             break
-    if not math.isfinite(size + sigma):
-        return None
     return Closure(before=firsts[-1], after=seconds[0], size=size, sigma=sigma)
 
 
@@ -110,6 +112,8 @@ def _rotation(found: Correspondences) -> tuple[float, float]:
     normals, residuals = found.normals, found.residuals
     (x, y, _), (nx, ny, _) = found.midpoint.T, normals.T
     arms = x * ny - y * nx
+    if np.sqrt(np.mean(arms**2)) < _MIN_ARM:
+        return math.nan, math.nan
     spread = _MAD * float(np.median(np.abs(residuals - np.median(residuals))))
     deviation = np.maximum(found.sigma, spread)
     rotation, information = 0.0, 0.0

@@ -96,7 +96,7 @@ def register(
     with watch.stage('registration'):
         poses, verdicts = pipeline.register_views(views, settings)
         misfit = laser_misfit(views, poses)
-        table = check_registration(views, poses, verdicts)
+        table = check_registration(views, poses, verdicts, cell)
     return RegisteredViews(
         views=views,
         poses=poses,

@@ -13,6 +13,8 @@ from ivfmc_ros.storage.bag import metadata
 PART_SUFFIX = '.part'
 
 _SUFFIX = '.mcap'
+# rosbag2's compression mode 'file' adds the name of the format.
+_COMPRESSED = (f'{_SUFFIX}.zstd', f'{_SUFFIX}.zst')
 # rosbag2 names the files of a split recording <bag>_0.mcap, <bag>_1.mcap and so on.
 _SPLIT_NAME = re.compile(r'(.*)_([0-9]+)\.mcap')
 
@@ -30,10 +32,12 @@ def find_files(path: Path) -> tuple[tuple[Path, ...], str]:
     :raises BagError: the folder is not a bag, or it is not clear which files belong to it
     """
     if not path.is_dir():
+        _refuse_compressed(path.parent, [path.name])
         return (path,), _unfinished_remark(path) if is_unfinished(path) else ''
     if (path / metadata.FILE_NAME).exists():
         return tuple(metadata.bag_files(path)), ''
     file_names = _names(path)
+    _refuse_compressed(path, file_names)
     complete = [path / name for name in file_names if name.endswith(_SUFFIX)]
     parts = [path / name for name in file_names if name.endswith(_SUFFIX + PART_SUFFIX)]
     if not complete and len(parts) == 1:
@@ -48,6 +52,16 @@ def find_files(path: Path) -> tuple[tuple[Path, ...], str]:
         )
     names = ', '.join(file.name for file in complete)
     return tuple(complete), f'{path}: has no {metadata.FILE_NAME}; {names} is read without it'
+
+
+def _refuse_compressed(folder: Path, names: list[str]) -> None:
+    """:raises BagError: a file is compressed as a whole, as by ros2 bag record in file mode."""
+    for name in names:
+        if name.endswith(_COMPRESSED):
+            raise BagError(
+                f'{folder / name}: is compressed as a whole; unpack it with zstd -d (chunks of an '
+                'MCAP file may be compressed)'
+            )
 
 
 def _unfinished_remark(file: Path) -> str:

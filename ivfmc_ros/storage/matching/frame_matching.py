@@ -36,6 +36,8 @@ MOTIONS = ('continuous', 'step')
 MAX_EXPOSURES = 9
 # Why an image is not used by itself: it belongs to the profile of the last of its exposures.
 OTHER_EXPOSURE = 'one of several exposures'
+# One image was exposed at the stamp: a driver that stamps two alike does not know when.
+SAME_STAMP = 'stamp of another image'
 
 # States that are this much older than an image, nanoseconds, are not late but of another clock.
 _OTHER_CLOCK_NS = 10 * NANOSECONDS
@@ -196,6 +198,7 @@ class FrameMatcher:
 
     def reset(self) -> None:
         """Begin a scan: clear what depends on earlier images; table and laser states remain."""
+        self._matched_ns: int | None = None
         self._turns: float | None = None
         self._measured_angles: dict[int, float] = {}
         self._dark: DarkFrame | None = None
@@ -265,7 +268,9 @@ class FrameMatcher:
             if now_s - self._waiting_since_s(image) < timeout_s:
                 return
             del self._waiting[0]
-            yield self._match(image)
+            is_repeated = image.stamp_ns == self._matched_ns
+            self._matched_ns = image.stamp_ns
+            yield _repeated(image) if is_repeated else self._match(image)
 
     def _waiting_since_s(self, image: _WaitingImage) -> float:
         """
@@ -356,6 +361,10 @@ class FrameMatcher:
         angle = self._joint_history.position_at(image.stamp_ns)
         is_same = abs(angle - previous) < image.settings.min_step
         return 'angle measured already' if is_same else ''
+
+
+def _repeated(image: _WaitingImage) -> FrameMatch:
+    return FrameMatch(payload=image.payload, stamp_ns=image.stamp_ns, reason=SAME_STAMP)
 
 
 def _last_received_s(image: _WaitingImage, stamps_ns: Sequence[int], received_s: float) -> float:

@@ -164,6 +164,7 @@ def open_scan(
     positions = [message for message, _ in messages['joint_states']]
     joint_history = JointHistory.from_messages(positions, joint, where)
     ahead_s = _clock_offset_s(messages)
+    _require_stamps(stamps, f'{path}: {scan_topics.image.name}')
     _require_angles(joint_history, [] if salvage else stamps, where, ahead_s)
     matcher = FrameMatcher(
         lasers,
@@ -263,6 +264,14 @@ def _clock_text(ahead_s: float) -> str:
         f'the stamps of images are {abs(ahead_s):.1f} s {"ahead of" if ahead_s > 0 else "behind"} '
         'those of the table; synchronize the clocks of the two publishers and record again'
     )
+
+
+def _require_stamps(stamps_ns: Sequence[int], where: str) -> None:
+    if len(stamps_ns) > 1 and len(set(stamps_ns)) == 1:
+        raise BagError(
+            f'{where}: all {len(stamps_ns)} images have the stamp {_stamp_text(stamps_ns[0])}: '
+            'the camera driver does not set header.stamp to the time of the exposure'
+        )
 
 
 def _require_angles(

@@ -390,3 +390,30 @@ def test_stray_positions_are_said(tmp_path, camera, make_image):
     assert '2 positions of joint' in scan.remarks[0]
     angles = [frame.angle for frame in scan.frames()]
     np.testing.assert_allclose(angles, 0.1 * np.arange(20), atol=1e-6)
+
+
+def test_images_that_are_not_stamped_are_named(tmp_path, camera, make_image):
+    with create_bag(tmp_path / 'bag') as bag:
+        for index in range(4):
+            stamp = START + index * SECOND // 10
+            bag.joint_state(stamp, 'turntable_joint', 0.1 * index)
+            bag.camera_info(stamp, camera)
+            bag.image(0, make_image(index))
+    with pytest.raises(BagError, match=r'all 4 images have the stamp 0\.0.*header\.stamp'):
+        open_scan(tmp_path / 'bag')
+
+
+def test_second_image_of_a_stamp_is_left_out(tmp_path, camera, make_image):
+    with create_bag(tmp_path / 'bag') as bag:
+        for index in range(6):
+            stamp = START + index * SECOND // 10
+            bag.joint_state(stamp, 'turntable_joint', 0.1 * index)
+            bag.camera_info(stamp, camera)
+            # of every pair the second one was taken later
+            bag.image(START + (index // 2) * SECOND // 5, make_image(index))
+    scan = open_scan(tmp_path / 'bag')
+    assert scan.skipped == {'stamp of another image': 3}
+    frames = list(scan.frames())
+    assert [frame.angle for frame in frames] == pytest.approx([0.0, 0.2, 0.4])
+    for frame, index in zip(frames, (0, 2, 4), strict=True):
+        np.testing.assert_array_equal(frame.image, make_image(index))
