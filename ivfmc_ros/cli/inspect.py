@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """``ivfmc inspect``: compares a mesh with its CAD model and judges it by ISO 14253-1."""
 
+from collections.abc import Sequence
 from pathlib import Path
 import sys
 from typing import Any
@@ -24,8 +25,11 @@ from ivfmc_ros.errors import FileError
 from ivfmc_ros.inspection.alignment import align_datums
 from ivfmc_ros.inspection.alignment import Alignment
 from ivfmc_ros.inspection.alignment import METHODS
+from ivfmc_ros.inspection.conditions import Conditions
+from ivfmc_ros.inspection.datum_alignment import align_features
 from ivfmc_ros.inspection.inspect import inspect as run
 from ivfmc_ros.inspection.inspect import Inspection
+from ivfmc_ros.inspection.mesh_file import MeshBody
 from ivfmc_ros.inspection.mesh_file import read_mesh
 from ivfmc_ros.inspection.mesh_file import require_closed
 from ivfmc_ros.inspection.mesh_file import require_similar_size
@@ -34,12 +38,16 @@ from ivfmc_ros.inspection.reports.html import write_html
 from ivfmc_ros.inspection.reports.json_report import write_report
 from ivfmc_ros.inspection.reports.summary import document
 from ivfmc_ros.inspection.settings import InspectSettings
-from ivfmc_ros.inspection.uncertainty import Conditions
+from ivfmc_ros.inspection.tolerances import load_tolerances
+from ivfmc_ros.inspection.tolerances import Tolerances
+from ivfmc_ros.inspection.verdict import FAIL
+from ivfmc_ros.inspection.verdict import PASS
 from ivfmc_ros.meshing.io.export import UNITS
 
 _MM = 1e-3
-_COLORS = {'pass': 'green', 'fail': 'bold red', 'not decided': 'yellow'}
-_EXIT_CODES = {'pass': 0, 'fail': 3, 'not decided': 4}
+_COLORS = {PASS: 'green', FAIL: 'bold red'}
+_EXIT_CODES = {PASS: 0, FAIL: 3}
+_UNDECIDED = 4  # exit code
 
 
 @click.command()
@@ -68,16 +76,24 @@ _EXIT_CODES = {'pass': 0, 'fail': 3, 'not decided': 4}
     help='Largest deviation allowed to either side.',
 )
 @click.option(
+    '--tolerances',
+    type=click.Path(path_type=Path),
+    help="YAML with tolerances of single features in mm: {features: {'cylinder 3': {diameter: "
+    '0.05, position: 0.2}}}.',
+)
+@click.option(
     '--align',
     type=click.Choice(METHODS),
     default='best_fit',
     show_default=True,
-    help='How the mesh is aligned to the nominal; global needs no first guess.',
+    help='How the mesh is aligned to the nominal; global needs no first guess, within_tolerance '
+    'makes the excess over the tolerance small, datum uses points or datum features.',
 )
 @click.option(
     '--datum',
     type=click.Path(path_type=Path),
-    help="YAML with 'measured' and 'nominal': lists of points in mm, for --align datum.",
+    help="YAML for --align datum: 'measured' and 'nominal', lists of points in mm; or 'datums', "
+    'the names of up to three features in order: [plane 1, cylinder 2, plane 4].',
 )
 @click.option(
     '--cell',
@@ -90,6 +106,11 @@ _EXIT_CODES = {'pass': 0, 'fail': 3, 'not decided': 4}
     'camera_path',
     type=click.Path(path_type=Path),
     help='Camera calibration that goes with --cell.',
+)
+@click.option(
+    '--vertex-u',
+    type=length(1e-9, 1.0),
+    help='Standard uncertainty of the vertices of a MESH that another instrument measured.',
 )
 @click.option(
     '--scale-u',
@@ -126,7 +147,9 @@ _EXIT_CODES = {'pass': 0, 'fail': 3, 'not decided': 4}
 @click.option('-o', '--output', type=click.Path(path_type=Path), required=True,
               help='Folder to make; must not exist yet.')  # fmt: skip
 @click.option(
-    '--exit-code', is_flag=True, help='Exit with 0 for pass, 3 for fail, 4 for not decided.'
+    '--exit-code',
+    is_flag=True,
+    help='Exit with 0 for pass, 3 for fail, 4 if undecided.',
 )
 @json_option
 def inspect(
@@ -138,9 +161,10 @@ def inspect(
     cell = _cell(options['cell_path'], options['camera_path'])
     measured = read_mesh(mesh, options['unit'])
     wanted = read_mesh(nominal, options['nominal_unit'])
-    require_similar_size(measured, wanted, nominal, options['nominal_unit'])
+    units = options['unit'], options['nominal_unit']
+    require_similar_size(measured, wanted, (mesh, nominal), units)
     require_closed(wanted, nominal)
-    alignment = _datum(options['datum']) if options['align'] == 'datum' else None
+    alignment, settings = _alignment(measured, wanted, settings, options['datum'])
     found = run(measured, wanted, settings, cell, alignment)
     figures = {'mesh': str(mesh), 'nominal': str(nominal), **document(found, settings)}
     with files.atomic_folder(output) as folder:
@@ -151,7 +175,7 @@ def inspect(
     else:
         _print(found, figures, output)
     if exit_code:
-        sys.exit(_EXIT_CODES[figures['verdict']])
+        sys.exit(_EXIT_CODES.get(figures['verdict'], _UNDECIDED))
 
 
 def _page(
@@ -172,8 +196,13 @@ def _page(
 
 
 def _settings(options: dict[str, Any]) -> InspectSettings:
+    tolerances = Tolerances(default=options['tolerance'])
+    if options['tolerances'] is not None:
+        tolerances = load_tolerances(options['tolerances'], options['tolerance'])
     return InspectSettings(
-        tolerance=options['tolerance'],
+        tolerance=tolerances.default,
+        features=tolerances.features,
+        vertex_u=options['vertex_u'],
         align=options['align'],
         conditions=Conditions(
             scale_u=options['scale_u'],
@@ -192,13 +221,30 @@ def _cell(cell_path: Path | None, camera_path: Path | None) -> Cell | None:
     return load_draft(cell_path).complete(load_camera(camera_path), str(cell_path))
 
 
-def _datum(path: Path | None) -> Alignment:
+def _alignment(
+    measured: MeshBody, wanted: MeshBody, settings: InspectSettings, path: Path | None
+) -> tuple[Alignment | None, InspectSettings]:
+    """Return the alignment by datums, or None if it is found by the inspection."""
+    if settings.align != 'datum':
+        return None, settings
     if path is None:
-        raise click.UsageError('--align datum needs --datum, a file of points')
+        raise click.UsageError('--align datum needs --datum, a file of points or of features')
     try:
         read = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise FileError(f'{path}: cannot be read as YAML ({error})') from error
+    if isinstance(read, dict) and 'datums' in read:
+        names = read['datums']
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise FileError(f"{path}: 'datums' must be a list of feature names")
+        return align_features(measured, wanted, names, settings), settings
+    return _datum_points(path, read), settings
+
+
+def _datum_points(path: Path, read: Any) -> Alignment:
+    try:
         points = [np.array(read[key], dtype=np.float64) for key in ('measured', 'nominal')]
-    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise FileError(
             f"{path}: 'measured' and 'nominal' must be lists of x, y, z in mm ({error})"
         ) from error
@@ -209,32 +255,50 @@ def _datum(path: Path | None) -> Alignment:
 
 def _print(found: Inspection, figures: dict[str, Any], output: Path) -> None:
     stdout = console(markup=True)
-    table = Table(title='surface, mm', title_justify='left')
-    for column in ('region', 'rms', '95 %', 'max', 'within', 'u', 'verdict'):
-        table.add_column(column, justify='left' if column in {'region', 'verdict'} else 'right')
-    for row in figures['surface']:
-        values = [f'{row[key] * 1e3:.4f}' for key in ('rms_m', 'p95_m', 'worst_m')]
-        share = f'{100.0 * row["within"]:.2f} %'
-        table.add_row(row['name'], *values, share, f'{row["u_m"] * 1e3:.4f}', _colored(row))
-    stdout.print(table)
-    table = Table(title='features, mm', title_justify='left')
-    for column in ('feature', 'diameter', 'nominal', 'form', 'u', 'verdict'):
-        table.add_column(column, justify='left' if column in {'feature', 'verdict'} else 'right')
-    for row in figures['features']:
-        keys = ('diameter_m', 'nominal_m', 'form_m', 'u_m')
-        values = [f'{row[key] * 1e3:.4f}' if np.isfinite(row[key]) else '' for key in keys]
-        table.add_row(row['name'], *values, _colored(row))
-    stdout.print(table)
+    stdout.print(_surface_table(figures['surface']))
+    stdout.print(_characteristics_table(figures['characteristics']))
     for note in found.notes:
         stdout.print(escape(note), soft_wrap=True)
+    for row in figures['features']:
+        if row['reason']:
+            stdout.print(escape(f'{row["name"]}: {row["reason"]}'), soft_wrap=True)
     if found.unseen:
         stdout.print(f'not measured, not judged: {", ".join(found.unseen)}')
-    if not found.calibrated:
-        stdout.print('no covariance of the calibration is known: the uncertainty is of noise only')
     stdout.print(f'verdict: {_colored(figures)}')
     for name in ('report.html', 'report.json'):
         stdout.print(escape(str(output / name)), soft_wrap=True)
 
 
+def _surface_table(rows: list[dict[str, Any]]) -> Table:
+    table = _table('surface, mm', ('region', 'rms', '95 %', 'max', 'within', 'coverage', 'U'))
+    for row in rows:
+        values = [f'{row[key] * 1e3:.4f}' for key in ('rms_m', 'p95_m', 'worst_m')]
+        shares = f'{100.0 * row["within"]:.2f} %', f'{100.0 * row["coverage"]:.0f} %'
+        table.add_row(row['name'], *values, *shares, _length(row['U_m']), _colored(row))
+    return table
+
+
+def _characteristics_table(rows: list[dict[str, Any]]) -> Table:
+    columns = ('feature', 'characteristic', 'nominal', 'measured', 'deviation', 'U', 'tolerance')
+    table = _table('features, mm', columns)
+    for row in rows:
+        keys = ('nominal_m', 'measured_m', 'deviation_m', 'U_m', 'tolerance_m')
+        values = [_length(row[key]) for key in keys]
+        table.add_row(row['feature'], row['characteristic'], *values, _colored(row))
+    return table
+
+
+def _table(title: str, columns: Sequence[str]) -> Table:
+    table = Table(title=title, title_justify='left')
+    for column in (*columns, 'verdict'):
+        left = column in {'region', 'feature', 'characteristic', 'verdict'}
+        table.add_column(column, justify='left' if left else 'right')
+    return table
+
+
+def _length(value: float) -> str:
+    return f'{value * 1e3:.4f}' if np.isfinite(value) else ''
+
+
 def _colored(row: dict[str, Any]) -> str:
-    return f'[{_COLORS[row["verdict"]]}]{row["verdict"]}[/]'
+    return f'[{_COLORS.get(row["verdict"], "yellow")}]{row["verdict"]}[/]'

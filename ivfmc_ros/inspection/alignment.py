@@ -20,12 +20,15 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.surface import Surface
 from ivfmc_ros.validation import require_one_of
 
-METHODS = ('best_fit', 'global', 'none', 'datum')
+METHODS = ('best_fit', 'within_tolerance', 'global', 'none', 'datum')
 # Points and iterations of the global search and of the final fit.
 _COARSE_POINTS, _FINE_POINTS = 1500, 20_000
 _COARSE_ITERATIONS, _FINE_ITERATIONS = 12, 40
 # Fraction of the points with the smallest distances that the fit uses (trimmed ICP).
 _TRIM = 0.9
+# Fraction of the points that best fit within tolerance uses, and the greatest distance that counts
+# more, tolerances.
+_KEPT, _MAX_EXCESS = 0.999, 10.0
 # Candidate poses of the global search that are refined.
 _REFINED_CANDIDATES = 12
 # Rotations about an axis that are tried where the principal axes are ambiguous.
@@ -53,17 +56,25 @@ class Alignment:
     method: str
 
 
-def align(points_xyz: Floats, nominal: Surface, vertices_xyz: Floats, method: str) -> Alignment:
+def align(
+    points_xyz: Floats,
+    nominal: Surface,
+    vertices_xyz: Floats,
+    method: str,
+    tolerance: float = 0.1e-3,
+) -> Alignment:
     """
     Align points to a nominal surface.
 
     points_xyz : (n, 3) meters
     vertices_xyz : (m, 3) meters, of the nominal
-    method : best_fit (from the current pose), global (from any pose) or none
+    method : best_fit (from the current pose), within_tolerance (best fit, then the smallest excess
+        over the tolerance), global (from any pose) or none
+    tolerance : meters, for within_tolerance
     :raises ParameterError: unknown method
     :raises GeometryError: fewer than 6 points
     """
-    require_one_of('align', method, ('best_fit', 'global', 'none'))
+    require_one_of('align', method, ('best_fit', 'within_tolerance', 'global', 'none'))
     if len(points_xyz) < 6:
         raise GeometryError(f'align: {len(points_xyz)} points, at least 6 are needed')
     points = _downsampled(points_xyz, _FINE_POINTS)
@@ -72,6 +83,8 @@ def align(points_xyz: Floats, nominal: Surface, vertices_xyz: Floats, method: st
         T = _global_start(_downsampled(points_xyz, _COARSE_POINTS), nominal, vertices_xyz)
     if method != 'none':
         T = _fit(points, nominal, T, _FINE_ITERATIONS)
+    if method == 'within_tolerance':
+        T = _minimize_excess(points, nominal, T, tolerance)
     return Alignment(nominal_from_mesh=T, rms=_cost(points, nominal, T), method=method)
 
 
@@ -119,11 +132,42 @@ def _fit(points: Floats, nominal: Surface, T: Floats, iterations: int) -> Floats
         center = moved[used].mean(axis=0)
         lever, n = moved[used] - center, near.normals[used]
         gap = (n * (near.points_xyz[used] - moved[used])).sum(axis=1)
-        A = np.concatenate([np.cross(lever, n), n], axis=1)
-        # unconstrained directions (such as the rotation of a round part) get no step
-        step = np.linalg.lstsq(A, gap, rcond=_RCOND)[0]
-        R = _rotation(step[:3])
-        T = transforms.rigid(R, center + step[3:] - R @ center) @ T
+        step, motion = _solved(lever, n, gap, center)
+        T = motion @ T
+        if np.abs(step).max() < _MIN_STEP:
+            break
+    return T
+
+
+def _solved(
+    lever: Floats, n: Floats, gap: Floats, center: Floats, weight: Floats | float = 1.0
+) -> tuple[Floats, Floats]:
+    """Return the rotation and translation about ``center`` that close the gaps, and the motion."""
+    A = np.concatenate([np.cross(lever, n), n], axis=1)
+    # unconstrained directions (such as the rotation of a round part) get no step
+    rows = np.reshape(weight, (-1, 1))
+    step = np.linalg.lstsq(rows * A, weight * gap, rcond=_RCOND)[0]
+    R = _rotation(step[:3])
+    return step, transforms.rigid(R, center + step[3:] - R @ center)
+
+
+def _minimize_excess(points: Floats, nominal: Surface, T: Floats, tolerance: float) -> Floats:
+    """
+    Minimize the sum of the eighth powers of distance over tolerance.
+
+    Iteratively reweighted least squares (Lawson 1961): what is within the tolerance hardly counts.
+    Points that the best fit leaves out stay left out.
+    """
+    distance = nominal.nearest(transforms.apply(T, points)).distance
+    points = points[distance <= np.quantile(distance, _KEPT)]
+    for _ in range(_FINE_ITERATIONS):
+        moved = transforms.apply(T, points)
+        near = nominal.nearest(moved)
+        weight = np.minimum(near.distance / tolerance, _MAX_EXCESS) ** 3 + 1e-3
+        center, n = moved.mean(axis=0), near.normals
+        gap = (n * (near.points_xyz - moved)).sum(axis=1)
+        step, motion = _solved(moved - center, n, gap, center, weight)
+        T = motion @ T
         if np.abs(step).max() < _MIN_STEP:
             break
     return T

@@ -1,162 +1,162 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Shapes fitted to the measured points of each nominal region: size, uncertainty, verdict."""
+"""Shapes fitted to the measured points of the nominal's regions: size, form, position."""
 
-from collections.abc import Callable
 from collections.abc import Sequence
 from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
-from scipy.special import stdtrit
 
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.inspection import features
+from ivfmc_ros.inspection.characteristics import characteristics_of
+from ivfmc_ros.inspection.characteristics import FeatureCharacteristic
 from ivfmc_ros.inspection.comparison import Comparison
+from ivfmc_ros.inspection.feature_fit import ErringPoints
+from ivfmc_ros.inspection.feature_fit import fit_feature
 from ivfmc_ros.inspection.regions import SurfaceRegion
 from ivfmc_ros.inspection.uncertainty import CalibrationModes
-from ivfmc_ros.inspection.verdict import GUARD
-from ivfmc_ros.inspection.verdict import judge
+from ivfmc_ros.inspection.verdict import FAIL
+from ivfmc_ros.inspection.verdict import NO_UNCERTAINTY
+from ivfmc_ros.inspection.verdict import NOT_DECIDED
+from ivfmc_ros.inspection.verdict import NOT_MEASURED
+from ivfmc_ros.inspection.verdict import PASS
+from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
-from ivfmc_ros.surface import Surface
 
 # Points of a fit; more cost time and do not improve it, as errors of neighbors are correlated.
 _MAX_POINTS = 20_000
-# The points of a region are split into 2**3 = 8 groups for the delete-a-group jackknife.
-_HALVINGS = 3
-# Points of the jackknife; more do not reduce the correlated error of a group.
-_MAX_JACKKNIFE_POINTS = 2_000
+_MIN_POINTS = 40  # of a feature
+# Sectors around the axis of a cylinder, and how many of them must hold points: 150 degrees.
+_SECTORS, _MIN_SECTORS = 36, 15
+# A cylinder whose points extend along its axis by less than this many diameters has the direction
+# of the nominal: a short band does not determine it.
+_MIN_LENGTH = 0.5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FeatureResult:
     """
-    A shape fitted to the measured points of a region. Lengths are meters.
+    A shape fitted to the measured points of a region, in the frame of the nominal.
 
     name : of the region
-    nominal : nominal diameter; NaN for a plane
-    uncertainty : standard uncertainty of the diameter; NaN for a plane
-    noise, calibration, conditions : its components; noise includes all errors that differ
-        between groups of neighboring points (jackknife)
-    verdict : of the diameter; of the form error for a plane
+    nominal : shape of the region
+    feature : fitted shape; None if the points do not suffice
+    coverage : fraction of the region's area whose points were used
+    axis_is_nominal : the direction of the axis was taken from the nominal
+    characteristics : diameter, form and position, as far as the shape has them
+    reason : why there is no fitted shape; '' if there is one
     """
 
     name: str
-    feature: features.Feature
-    nominal: float
-    uncertainty: float
-    noise: float
-    calibration: float
-    conditions: float
-    verdict: str
+    nominal: features.Feature
+    feature: features.Feature | None
+    coverage: float
+    axis_is_nominal: bool
+    characteristics: tuple[FeatureCharacteristic, ...]
+    reason: str = ''
+
+    @property
+    def verdict(self) -> str:
+        """The worst verdict of the characteristics."""
+        found = {item.verdict for item in self.characteristics}
+        order = (FAIL, NO_UNCERTAINTY, NOT_DECIDED, PASS)
+        return next((verdict for verdict in order if verdict in found), NOT_MEASURED)
 
 
 def measure_features(
-    regions: Sequence[SurfaceRegion], owner: Ints, comparison: Comparison
+    regions: Sequence[SurfaceRegion], comparison: Comparison
 ) -> list[FeatureResult]:
-    """
-    Fit to each region that has a shape the same shape through its measured points.
-
-    owner : (n,) index of the region of each vertex, or -1
-    returns : without regions whose measured points do not determine the shape
-    """
-    found = []
-    for number, region in enumerate(regions):
-        if region.shape is None:
-            continue
-        inner = _away_from_edges(region, comparison, np.flatnonzero(owner == number))
-        try:
-            found.append(_measure(region, region.shape, inner, comparison))
-        except GeometryError:
-            # the measured points of the region do not determine its shape
-            continue
-    return found
+    """Fit to each region that has a shape the same shape through its well measured points."""
+    return [
+        measure_feature(region, number, region.shape, comparison)
+        for number, region in enumerate(regions)
+        if region.shape is not None
+    ]
 
 
-def _away_from_edges(region: SurfaceRegion, comparison: Comparison, chosen: Ints) -> Ints:
-    """Return the vertices farther than ``edge`` from other regions, at most ``_MAX_POINTS``."""
-    faces = comparison.nominal.faces
-    others = np.delete(faces, region.faces, axis=0)
-    if len(others) and len(chosen):
-        other_regions = Surface(comparison.nominal.vertices_xyz, others)
-        is_inner = (
-            other_regions.nearest(comparison.vertices_xyz[chosen]).distance
-            > comparison.settings.edge
-        )
-        chosen = chosen[is_inner]
-    return np.asarray(chosen[:: max(1, len(chosen) // _MAX_POINTS)])
-
-
-def _measure(
-    region: SurfaceRegion, shape: features.Feature, chosen: Ints, comparison: Comparison
+def measure_feature(
+    region: SurfaceRegion, number: int, shape: features.Feature, comparison: Comparison
 ) -> FeatureResult:
-    conditions = comparison.settings.conditions
-    points = comparison.mesh.vertices_xyz[chosen] * conditions.to_reference
-    found = features.fit(shape.kind, points)
-    sigma = float(np.sqrt(np.mean(comparison.noise[chosen] ** 2)))
-    tolerance = comparison.settings.tolerance
-    if shape.kind == 'plane':
-        form_u = float(np.median(comparison.uncertainty[chosen]))
-        return FeatureResult(
-            name=region.name,
-            feature=found,
-            nominal=float('nan'),
-            uncertainty=float('nan'),
-            noise=sigma,
-            calibration=float('nan'),
-            conditions=0.0,
-            verdict=judge(0.5 * found.form, form_u, tolerance),
-        )
+    """
+    Fit a shape to the well measured points of a region.
 
-    def diameter(xyz: Floats) -> float:
-        return features.fit(shape.kind, xyz).diameter
-
-    calibration = CalibrationModes(shifts=comparison.modes.shifts[:, chosen]).propagate(
-        diameter, points
-    )
-    noise = jackknife(diameter, points)
-    conditions_u = found.diameter * conditions.relative_u
-    u = float(np.linalg.norm([calibration, noise, conditions_u]))
-    return FeatureResult(
+    number : index of the region; shape : of the region
+    """
+    tolerance = comparison.settings.tolerances.of(region.name, 'diameter')
+    good = _without_great_bias(number, tolerance, comparison)
+    found = FeatureResult(
         name=region.name,
-        feature=found,
-        nominal=shape.diameter,
-        uncertainty=u,
-        noise=noise,
-        calibration=calibration,
-        conditions=conditions_u,
-        verdict=judge(found.diameter - shape.diameter, u, tolerance),
+        nominal=shape,
+        feature=None,
+        coverage=min(float(comparison.area[good].sum()) / region.area, 1.0),
+        axis_is_nominal=False,
+        characteristics=(),
+    )
+    chosen = np.flatnonzero(good)
+    chosen = chosen[:: max(1, len(chosen) // _MAX_POINTS)]
+    points = comparison.vertices_xyz[chosen]
+    reason = _insufficient(shape, points)
+    if reason:
+        return replace(found, reason=reason)
+    along = (points - shape.center_xyz) @ shape.axis
+    fixed = shape.kind == 'cylinder' and bool(np.ptp(along) < _MIN_LENGTH * shape.diameter)
+    axis = shape.axis if shape.kind == 'cylinder' else None
+    try:
+        fitted = fit_feature(shape.kind, _erring(chosen, comparison), axis, fixed=fixed)
+    except GeometryError as error:
+        return replace(found, reason=str(error))
+    return replace(
+        found,
+        feature=fitted.shape,
+        axis_is_nominal=fixed,
+        characteristics=characteristics_of(
+            region.name, shape, fitted, points, comparison.settings
+        ),
     )
 
 
-def jackknife(measure: Callable[[Floats], float], points_xyz: Floats) -> float:
-    """
-    Return the standard uncertainty of a quantity due to errors of its points.
-
-    Errors of neighboring points are correlated; therefore compact groups of points are left out
-    in turn (delete-a-group jackknife: Shao and Tu 1995, The Jackknife and Bootstrap, 2.3). Few
-    groups are corrected by Student's t (GUM G.3). Errors common to all points are not included.
-
-    measure : function of (n, 3) points in meters
-    :raises GeometryError: the points without one group do not determine the shape
-    """
-    chosen = points_xyz[:: max(1, len(points_xyz) // _MAX_JACKKNIFE_POINTS)]
-    group = split_groups(chosen, _HALVINGS)
-    count = int(group.max()) + 1
-    values = np.array([measure(chosen[group != k]) for k in range(count)])
-    sigma_of_mean = np.sqrt((count - 1) / count * ((values - values.mean()) ** 2).sum())
-    return float(sigma_of_mean * stdtrit(count - 1, 0.95) / GUARD)
+def _without_great_bias(number: int, tolerance: float, comparison: Comparison) -> Bools:
+    """Return (n,) bool, the inner vertices of a region that neither edge nor shadow displaces."""
+    with np.errstate(invalid='ignore'):
+        biased = 6.0 * comparison.uncertainty.systematic > tolerance
+    own = (comparison.owner == number) & comparison.measured & comparison.inner
+    return np.asarray(own & ~biased)
 
 
-def split_groups(points_xyz: Floats, halvings: int) -> Ints:
-    """Split points (n, 3) into 2**halvings compact groups of equal size; (n,) group indices."""
-    group = np.zeros(len(points_xyz), dtype=np.int64)
-    for _ in range(halvings):
-        halves = np.zeros_like(group)
-        for number in range(int(group.max()) + 1):
-            inside = np.flatnonzero(group == number)
-            longest = int(np.ptp(points_xyz[inside], axis=0).argmax())
-            order = inside[np.argsort(points_xyz[inside, longest], kind='stable')]
-            halves[order[len(order) // 2 :]] = 1
-        group = 2 * group + halves
-    return group
+def _insufficient(shape: features.Feature, points: Floats) -> str:
+    """Return why points do not determine a shape, or ''."""
+    if len(points) < _MIN_POINTS:
+        return f'{len(points)} points are measured well, {_MIN_POINTS} are needed'
+    if shape.kind != 'cylinder':
+        return ''
+    basis = np.linalg.svd(shape.axis[None])[2][1:]
+    x, y = basis @ (points - shape.center_xyz).T
+    sectors = np.unique(np.floor(np.arctan2(y, x) / (2.0 * np.pi) * _SECTORS))
+    if len(sectors) >= _MIN_SECTORS:
+        return ''
+    degrees = 360 // _SECTORS
+    return (
+        f'points around {degrees * len(sectors)} degrees are measured well, '
+        f'{degrees * _MIN_SECTORS} are needed'
+    )
+
+
+def _erring(chosen: Ints, comparison: Comparison) -> ErringPoints:
+    R = comparison.nominal_from_mesh[:3, :3]
+    normals = comparison.normals[chosen]
+    known = np.isfinite(comparison.uncertainty.combined[chosen]).all()
+    modes = comparison.model.modes(comparison.mesh.vertices_xyz[chosen], normals)
+    if comparison.settings.vertex_u is not None:
+        # the stated uncertainty of the vertices contains that of the calibration
+        modes = CalibrationModes(shifts=np.zeros((0, len(chosen), 3)))
+    elif modes is not None:
+        modes = replace(modes, shifts=modes.shifts @ R.T)
+    return ErringPoints(
+        points_xyz=comparison.vertices_xyz[chosen],
+        normals=normals @ R.T,
+        systematic=np.nan_to_num(comparison.uncertainty.systematic[chosen]),
+        modes=modes if known else None,
+    )

@@ -46,12 +46,16 @@ class Feature:
     count: int
 
 
-def fit(kind: str, points_xyz: Floats) -> Feature:
+def fit(
+    kind: str, points_xyz: Floats, axis: Floats | None = None, *, fixed: bool = False
+) -> Feature:
     """
     Fit a shape to points by least squares.
 
     kind : one of ``KINDS``
     points_xyz : (n, 3) meters
+    axis : (3,) unit, approximate direction of a cylinder, where the fit starts; None: searched
+    fixed : the cylinder has exactly the direction ``axis``
     :raises ParameterError: unknown kind
     :raises GeometryError: too few points, or they do not determine the shape
     """
@@ -65,7 +69,23 @@ def fit(kind: str, points_xyz: Floats) -> Feature:
     scale = float(np.sqrt(((points_xyz - center) ** 2).sum(axis=1).mean()))
     if not scale > 0:
         raise GeometryError(f'feature: all points of the {kind} coincide')
+    if kind == 'cylinder':
+        return _cylinder(points_xyz, center, scale, axis, fixed=fixed)
     return _FITS[kind](points_xyz, center, scale)
+
+
+def residuals(shape: Feature, points_xyz: Floats) -> Floats:
+    """
+    Return the signed distances of points (n, 3) from a shape, (n,) meters.
+
+    Positive is outside of a cylinder or sphere, and along the normal of a plane.
+    """
+    offset = points_xyz - shape.center_xyz
+    if shape.kind == 'plane':
+        return np.asarray(offset @ shape.axis)
+    if shape.kind in {'cylinder', 'circle'}:
+        offset = offset - (offset @ shape.axis)[:, None] * shape.axis
+    return np.asarray(np.linalg.norm(offset, axis=1) - 0.5 * shape.diameter)
 
 
 def _feature(
@@ -86,7 +106,9 @@ def _plane(points: Floats, center: Floats, scale: float) -> Feature:
     _, sizes, axes = np.linalg.svd((points - center) / scale, full_matrices=False)
     if sizes[1] < _DEGENERATE * sizes[0]:
         raise GeometryError('feature: the points of the plane are collinear')
-    return _feature('plane', (points - center) @ axes[2], center, axes[2], float('nan'))
+    # the sign does not vary between fits to nearly equal points
+    axis = axes[2] * np.copysign(1.0, axes[2][np.abs(axes[2]).argmax()])
+    return _feature('plane', (points - center) @ axis, center, axis, float('nan'))
 
 
 def _sphere(points: Floats, center: Floats, scale: float) -> Feature:
@@ -127,19 +149,32 @@ def _perpendicular(axis: Floats) -> Floats:
     return np.stack([first, np.cross(axis, first)], axis=1)
 
 
-def _cylinder(points: Floats, center: Floats, scale: float) -> Feature:
+def _cylinder(
+    points: Floats, center: Floats, scale: float, start: Floats | None, *, fixed: bool
+) -> Feature:
     scaled = (points - center) / scale
-    rough = [
-        _fit_cylinder(scaled[:: max(1, len(scaled) // 300)], axis, 12)
-        for axis in _initial_axes(scaled)
-    ]
-    start = min(rough, key=lambda tried: tried[2])[0]
-    axis, middle, _, residuals, radius = _fit_cylinder(scaled, start, 60)
+    if start is None:
+        few = scaled[:: max(1, len(scaled) // 300)]
+        rough = [_fit_cylinder(few, axis, 12) for axis in _initial_axes(scaled)]
+        start = min(rough, key=lambda tried: tried[2])[0]
+    fitted = _fit_circle_about(scaled, start) if fixed else _fit_cylinder(scaled, start, 60)
+    axis, middle, _, residuals, radius = fitted
     if radius > _MAX_RADIUS:
         raise GeometryError('feature: the points of the cylinder are almost coplanar')
     return _feature(
         'cylinder', residuals * scale, middle * scale + center, axis, 2.0 * radius * scale
     )
+
+
+def _fit_circle_about(scaled: Floats, axis: Floats) -> tuple[Floats, Floats, float, Floats, float]:
+    """Fit a cylinder of a given direction: a circle in the plane perpendicular to it."""
+    basis = _perpendicular(axis)
+    flat = scaled @ basis
+    found = least_squares(
+        lambda p: np.linalg.norm(flat - p[:2], axis=1) - p[2], _algebraic(flat), method='lm'
+    )
+    middle = basis @ found.x[:2] + (scaled.mean(axis=0) @ axis) * axis
+    return axis, middle, float(found.cost), found.fun, float(found.x[2])
 
 
 # Largest radius of a cylinder in rms extents of its points; a flatter arc does not determine it.
@@ -177,7 +212,6 @@ def _fit_cylinder(
 
 _FITS: dict[str, Callable[[Floats, Floats, float], Feature]] = {
     'plane': _plane,
-    'cylinder': _cylinder,
     'sphere': _sphere,
     'circle': _circle,
 }

@@ -10,11 +10,11 @@ import numpy as np
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.errors import GeometryError
-from ivfmc_ros.inspection import verdict as rule
 from ivfmc_ros.inspection.alignment import Alignment
 from ivfmc_ros.inspection.comparison import Comparison
-from ivfmc_ros.inspection.deviation import Deviation
-from ivfmc_ros.inspection.deviation import summarize
+from ivfmc_ros.inspection.comparison import VertexUncertainty
+from ivfmc_ros.inspection.edges import edge_distance
+from ivfmc_ros.inspection.edges import region_of_faces
 from ivfmc_ros.inspection.feature_measurement import FeatureResult
 from ivfmc_ros.inspection.feature_measurement import measure_features
 from ivfmc_ros.inspection.mesh_file import MeshBody
@@ -23,33 +23,22 @@ from ivfmc_ros.inspection.nominal_faults import oriented
 from ivfmc_ros.inspection.regions import segment_surface
 from ivfmc_ros.inspection.regions import SurfaceRegion
 from ivfmc_ros.inspection.settings import InspectSettings
-from ivfmc_ros.inspection.uncertainty import calibration_modes
-from ivfmc_ros.inspection.uncertainty import CalibrationModes
+from ivfmc_ros.inspection.surface_measurement import measure_surface
+from ivfmc_ros.inspection.surface_measurement import SurfaceResult
+from ivfmc_ros.inspection.uncertainty import CalibrationModel
 from ivfmc_ros.meshing.geometry import normals as triangle_normals
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
+from ivfmc_ros.surface import Nearest
 from ivfmc_ros.surface import Surface
 
 # Largest distance of a vertex from its region, fraction of the nominal's diagonal.
 _MAX_DISTANCE = 0.02
 # Minimum cosine between the normals of a vertex and of the region it is assigned to (60 degrees).
 _MIN_NORMAL_COSINE = 0.5
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class SurfaceResult:
-    """
-    Deviations and verdict of a region or of the whole surface.
-
-    within : fraction of the vertices within tolerance
-    uncertainty : meters, standard uncertainty of a deviation, median over the vertices
-    """
-
-    name: str
-    deviation: Deviation
-    within: float
-    uncertainty: float
-    verdict: str
+# Vertices with a larger systematic error do not determine the pose, meters; with fewer vertices
+# than this share below it, all do.
+_MAX_ALIGNING_SYSTEMATIC, _MIN_ALIGNING = 20e-6, 0.2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -59,8 +48,8 @@ class Inspection:
 
     vertices_xyz : (n, 3) meters, of the aligned mesh; faces : (m, 3)
     deviations : (n,) meters, positive outside; NaN at vertices that were not measured
-    uncertainty : (n,) meters, standard uncertainty of the deviations
-    calibrated : the uncertainty includes that of the calibration
+    uncertainty : (n,) meters, standard uncertainty of the deviations; NaN if it is not known
+    calibrated : the uncertainty includes that of the calibration, or was stated as a whole
     unseen : names of the nominal's regions without a measured vertex; they have no verdict
     notes : what was found wrong with the nominal, and what was done about it
     misplaced : the mesh does not lie on the nominal: nothing is decided
@@ -94,59 +83,132 @@ def inspect(
         be in ``turntable``
     alignment : known alignment, for example from datum points; None: by ``settings.align``
     :raises GeometryError: the mesh is empty or does not determine a pose
+    :raises ParameterError: a tolerance is for a feature that the nominal does not have
     """
     nominal, notes = oriented(nominal)
+    found = segment_surface(nominal.vertices_xyz, nominal.faces)
+    settings.tolerances.require_known(['all', *(region.name for region in found)])
     surface = Surface(nominal.vertices_xyz, nominal.faces)
     measured = _measured(mesh)
-    scaled = mesh.vertices_xyz * settings.conditions.to_reference
     placing: list[str] = []
     if alignment is None:
-        alignment, placing = align_to_nominal(scaled[measured], surface, nominal, settings.align)
-    T = alignment.nominal_from_mesh
-    vertices = transforms.apply(T, scaled)
-    normals = triangle_normals.vertex_normals(mesh.vertices_xyz, mesh.faces)
-    measured = measured[np.isfinite(normals[measured, 0])]
-    deviations = _signed_distances(surface, vertices, measured)
-    found = segment_surface(nominal.vertices_xyz, nominal.faces)
-    owner = np.full(len(vertices), -1)
-    turned = normals[measured] @ T[:3, :3].T
-    owner[measured] = _assign_regions(surface, found, nominal, vertices[measured], turned)
-    modes = _modes(cell, mesh.vertices_xyz, np.nan_to_num(normals))
-    noise = np.zeros(len(vertices)) if mesh.sigma is None else np.nan_to_num(mesh.sigma)
-    free = settings.align != 'none'
-    calibration_u = modes.along_normals(mesh.vertices_xyz, np.nan_to_num(normals), free)
-    relative = settings.conditions.relative_u * _lever_arm(vertices, measured)
-    comparison = Comparison(
-        mesh=mesh,
-        vertices_xyz=vertices,
-        deviations=deviations,
-        uncertainty=np.sqrt(calibration_u**2 + noise**2 + relative**2),
-        modes=modes,
-        noise=noise,
-        settings=settings,
-        nominal=nominal,
-    )
+        scaled = mesh.vertices_xyz * settings.conditions.to_reference
+        sound = _without_great_bias(mesh, measured)
+        alignment, placing = align_to_nominal(scaled[sound], surface, nominal, settings)
+    comparison = _compare(mesh, nominal, settings, cell, alignment, surface, found, measured)
+    owner = comparison.owner
+    regions = [
+        measure_surface(region.name, owner == number, region.area, comparison)
+        for number, region in enumerate(found)
+        if (comparison.measured & (owner == number)).any()
+    ]
+    area = float(sum(region.area for region in found))
     return Inspection(
-        vertices_xyz=vertices,
+        vertices_xyz=comparison.vertices_xyz,
         faces=mesh.faces,
-        deviations=deviations,
-        uncertainty=comparison.uncertainty,
+        deviations=comparison.deviations,
+        uncertainty=comparison.uncertainty.combined,
         alignment=alignment,
-        whole=_surface_result('all', np.isfinite(deviations), comparison),
-        regions=_regions(found, owner, comparison),
-        features=measure_features(found, owner, comparison),
-        calibrated=bool(len(modes.shifts)),
-        notes=notes + placing,
+        whole=measure_surface('all', comparison.measured, area, comparison),
+        regions=regions,
+        features=measure_features(found, comparison),
+        calibrated=settings.vertex_u is not None or len(comparison.model.rigid) > 0,
+        notes=notes + placing + _notes(mesh, settings, comparison),
         misplaced=bool(placing) and alignment.method == settings.align,
         unseen=[region.name for k, region in enumerate(found) if not (owner == k).any()],
     )
 
 
-def _signed_distances(surface: Surface, vertices: Floats, measured: Ints) -> Floats:
-    """Return (n,) meters from the surface; NaN for what was not measured."""
+def _compare(
+    mesh: MeshBody,
+    nominal: MeshBody,
+    settings: InspectSettings,
+    cell: Cell | None,
+    alignment: Alignment,
+    surface: Surface,
+    regions: Sequence[SurfaceRegion],
+    measured: Ints,
+) -> Comparison:
+    T = alignment.nominal_from_mesh
+    vertices = transforms.apply(T, mesh.vertices_xyz * settings.conditions.to_reference)
+    normals = triangle_normals.vertex_normals(mesh.vertices_xyz, mesh.faces)
+    measured = measured[np.isfinite(normals[measured, 0])]
+    normals = np.nan_to_num(normals)
+    of_face = region_of_faces(regions, len(nominal.faces))
+    owner, inner = np.full(len(vertices), -1), np.zeros(len(vertices), dtype=bool)
+    near = surface.nearest(vertices[measured])
+    owner[measured] = _assign_regions(of_face, near, normals[measured] @ T[:3, :3].T, nominal)
+    inner[measured] = (
+        edge_distance(nominal.vertices_xyz, nominal.faces, of_face, vertices[measured])
+        > settings.edge
+    )
     deviations = np.full(len(vertices), np.nan)
     deviations[measured] = surface.signed_distance(vertices[measured])
-    return deviations
+    aligned = alignment.method != 'none'
+    model = CalibrationModel.of(cell, mesh.vertices_xyz, normals, aligned=aligned)
+    return Comparison(
+        mesh=mesh,
+        normals=normals,
+        nominal_from_mesh=T,
+        vertices_xyz=vertices,
+        area=vertex_areas(mesh.vertices_xyz, mesh.faces),
+        deviations=deviations,
+        uncertainty=_uncertainty(mesh, settings, model, _lever_arm(vertices, measured)),
+        owner=owner,
+        inner=inner,
+        model=model,
+        settings=settings,
+    )
+
+
+def _uncertainty(
+    mesh: MeshBody, settings: InspectSettings, model: CalibrationModel, lever: Floats
+) -> VertexUncertainty:
+    count = len(mesh.vertices_xyz)
+    nothing, unknown = np.zeros(count), np.full(count, np.nan)
+    if settings.vertex_u is not None:
+        return VertexUncertainty(
+            noise=nothing,
+            systematic=np.full(count, settings.vertex_u),
+            calibration=nothing,
+            conditions=settings.conditions.relative_u * lever,
+        )
+    return VertexUncertainty(
+        noise=unknown if mesh.sigma is None else mesh.sigma,
+        systematic=unknown if mesh.systematic is None else mesh.systematic,
+        calibration=model.along_normals,
+        conditions=settings.conditions.relative_u * lever,
+    )
+
+
+def _notes(mesh: MeshBody, settings: InspectSettings, comparison: Comparison) -> list[str]:
+    """Return why no uncertainty is known."""
+    if settings.vertex_u is not None:
+        return []
+    found = []
+    if mesh.sigma is None or not np.isfinite(mesh.sigma).any():
+        found.append(
+            'mesh: the file states no uncertainty of its vertices (sigma): no verdict; use the '
+            'PLY file, keep the .npz file beside the STL file, or state it as vertex_u'
+        )
+    elif mesh.systematic is None or not np.isfinite(mesh.systematic).any():
+        found.append(
+            'mesh: the file states no systematic error of the stripe: no verdict; the cell must '
+            'state the thickness of the light sheets, and the mesh be made by method integrate'
+        )
+    if not len(comparison.model.rigid):
+        found.append(
+            'cell: no covariance of the calibration is known: no verdict; name a cell with '
+            'covariances, as ivfmc calibrate writes them'
+        )
+    return found
+
+
+def vertex_areas(vertices_xyz: Floats, faces: Ints) -> Floats:
+    """Return a third of the area of the faces around each vertex, (n,) square meters."""
+    a, b, c = (vertices_xyz[faces[:, index]] for index in range(3))
+    third = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6.0
+    return np.asarray(np.bincount(faces.ravel(), np.repeat(third, 3), len(vertices_xyz)))
 
 
 def _lever_arm(vertices: Floats, measured: Ints) -> Floats:
@@ -165,48 +227,17 @@ def _measured(mesh: MeshBody) -> Ints:
     return measured[np.isfinite(mesh.sigma[measured])]
 
 
-def _modes(cell: Cell | None, points: Floats, normals: Floats) -> CalibrationModes:
-    if cell is None:
-        return CalibrationModes(shifts=np.zeros((0, len(points), 3)))
-    return calibration_modes(cell, points, normals)
-
-
-def _assign_regions(
-    surface: Surface,
-    regions: Sequence[SurfaceRegion],
-    nominal: MeshBody,
-    vertices: Floats,
-    normals: Floats,
-) -> Ints:
-    """Return the index of the region of each vertex, or -1, (n,)."""
-    near = surface.nearest(vertices)
-    of_face = np.full(len(nominal.faces), -1)
-    for number, region in enumerate(regions):
-        of_face[region.faces] = number
+def _without_great_bias(mesh: MeshBody, measured: Ints) -> Ints:
+    """Return the measured vertices that determine the pose."""
+    if mesh.systematic is None:
+        return measured
     with np.errstate(invalid='ignore'):
-        same_side = (near.normals * normals).sum(axis=1) > _MIN_NORMAL_COSINE
+        sound = measured[mesh.systematic[measured] <= _MAX_ALIGNING_SYSTEMATIC]
+    return sound if len(sound) > _MIN_ALIGNING * len(measured) else measured
+
+
+def _assign_regions(of_face: Ints, near: Nearest, normals: Floats, nominal: MeshBody) -> Ints:
+    """Return the index of the region of each vertex, or -1, (n,)."""
+    same_side = (near.normals * normals).sum(axis=1) > _MIN_NORMAL_COSINE
     close = near.distance < _MAX_DISTANCE * nominal.diagonal
     return np.asarray(np.where(same_side & close, of_face[near.faces], -1))
-
-
-def _regions(
-    regions: Sequence[SurfaceRegion], owner: Ints, comparison: Comparison
-) -> list[SurfaceResult]:
-    results = []
-    for number, region in enumerate(regions):
-        chosen = (owner == number) & np.isfinite(comparison.deviations)
-        if chosen.any():
-            results.append(_surface_result(region.name, chosen, comparison))
-    return results
-
-
-def _surface_result(name: str, chosen: Floats, comparison: Comparison) -> SurfaceResult:
-    deviations, u = comparison.deviations[chosen], comparison.uncertainty[chosen]
-    tolerance = comparison.settings.tolerance
-    return SurfaceResult(
-        name=name,
-        deviation=summarize(deviations),
-        within=float(np.mean(np.abs(deviations) <= tolerance)),
-        uncertainty=float(np.median(u)),
-        verdict=rule.judge_surface(deviations, u, tolerance),
-    )

@@ -19,6 +19,7 @@ from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.file_kinds import kind_of_file
 from ivfmc_ros.meshing.geometry import topology
 from ivfmc_ros.meshing.io.export import UNITS
+from ivfmc_ros.meshing.io.stated_uncertainty import read_uncertainty
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.validation import require_one_of
@@ -26,6 +27,8 @@ from ivfmc_ros.validation import require_one_of
 SUFFIXES = ('.stl', '.ply', '.obj', '.off', '.glb')
 # Largest ratio of the diagonals of mesh and nominal; a scan lacks the face the part stands on.
 _MAX_SIZE_RATIO = 1.6
+# Diagonals of parts that a laser stripe measures, meters.
+_PART_SIZE = (0.005, 1.0)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -35,13 +38,15 @@ class MeshBody:
 
     vertices_xyz : (n, 3) meters; faces : (m, 3)
     closed : the mesh has no boundary edges
-    sigma : (n,) meters, 1 sigma per vertex, of PLY files that have it; None otherwise
+    sigma : (n,) meters, 1 sigma of the noise of each vertex; None if the file does not state it
+    systematic : (n,) meters, 1 sigma of the error that neighboring vertices share, likewise
     """
 
     vertices_xyz: Floats
     faces: Ints
     closed: bool
     sigma: Floats | None = None
+    systematic: Floats | None = None
 
     @property
     def diagonal(self) -> float:
@@ -75,14 +80,17 @@ def read_mesh(path: Path, unit: str) -> MeshBody:
     if not np.isfinite(vertices).all():
         raise GeometryError(f'{path}: has coordinates that are not finite')
     unique, first, index = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
-    sigma = read_sigma(path) if path.suffix.lower() == '.ply' else None
-    if sigma is not None:
-        sigma = sigma[first] / UNITS[unit] if len(sigma) == len(vertices) else None
     faces = index.reshape(-1)[np.asarray(mesh.triangles, dtype=np.int64)]
     degenerate = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
     closed = not len(topology.boundary_edges(faces[~degenerate]))
+    stated = read_uncertainty(path, np.asarray(mesh.triangles, dtype=np.int64), len(vertices))
+    sigma, systematic = (None if u is None else u[first] / UNITS[unit] for u in stated)
     return MeshBody(
-        vertices_xyz=unique / UNITS[unit], faces=faces[~degenerate], closed=closed, sigma=sigma
+        vertices_xyz=unique / UNITS[unit],
+        faces=faces[~degenerate],
+        closed=closed,
+        sigma=sigma,
+        systematic=systematic,
     )
 
 
@@ -133,31 +141,6 @@ def _output_to(stream: IO[bytes]) -> Iterator[None]:
             os.close(handle)
 
 
-def read_sigma(path: Path) -> Floats | None:
-    """Return the vertex property ``sigma`` (n,) of a PLY file, in the file's unit, or None."""
-    head, end, body = path.read_bytes().partition(b'end_header\n')
-    if not end or b'binary_little_endian' not in head:
-        return None
-    vertex = head.partition(b'element vertex ')[2].partition(b'element face')[0]
-    lines = vertex.decode('ascii', 'replace').splitlines()
-    names, kinds = [], []
-    for line in lines[1:]:
-        words = line.split()
-        if len(words) == 3 and words[0] == 'property' and words[1] in _PLY_TYPES:
-            kinds.append(_PLY_TYPES[words[1]])
-            names.append(words[2])
-    if 'sigma' not in names or not lines[0].strip().isdigit():
-        return None
-    row = np.dtype(list(zip(names, kinds, strict=True)))
-    count = int(lines[0])
-    if len(body) < count * row.itemsize:
-        return None
-    return np.asarray(np.frombuffer(body, row, count)['sigma'], dtype=np.float64)
-
-
-_PLY_TYPES = {'float': '<f4', 'double': '<f8', 'uchar': 'u1', 'int': '<i4', 'uint': '<u4'}
-
-
 def require_closed(body: MeshBody, path: Path) -> None:
     """:raises GeometryError: the nominal is not closed, so that distances have no sign."""
     if not body.closed:
@@ -167,21 +150,42 @@ def require_closed(body: MeshBody, path: Path) -> None:
         )
 
 
-def require_similar_size(measured: MeshBody, nominal: MeshBody, path: Path, unit: str) -> None:
+def require_similar_size(
+    measured: MeshBody,
+    nominal: MeshBody,
+    paths: tuple[Path, Path],
+    units: tuple[str, str],
+) -> None:
     """
     Check that mesh and nominal have about the same size.
 
-    :raises GeometryError: they have not; the message suggests a unit if one fits
+    paths, units : of the mesh and of the nominal, as they were read
+    :raises GeometryError: they have not; the message names the units that would fit
     """
     ratio = nominal.diagonal / measured.diagonal
     if 1.0 / _MAX_SIZE_RATIO < ratio < _MAX_SIZE_RATIO:
         return
-    sizes = f'{nominal.diagonal * 1e3:.4g} mm across, the mesh {measured.diagonal * 1e3:.4g} mm'
+    sizes = (
+        f'{paths[0]} is {measured.diagonal * 1e3:.4g} mm across if it is in {units[0]}, '
+        f'{paths[1]} is {nominal.diagonal * 1e3:.4g} mm if it is in {units[1]}'
+    )
+    advice = [
+        *_fitting_units(1.0 / ratio, '--unit', paths[0], units[0], measured.diagonal),
+        *_fitting_units(ratio, '--nominal-unit', paths[1], units[1], nominal.diagonal),
+    ]
+    if not advice:
+        raise GeometryError(f'{sizes}; the sizes agree in no unit')
+    # a part is rather between 5 mm and 1 m across than not
+    plausible = [text for text, size in advice if _PART_SIZE[0] < size < _PART_SIZE[1]]
+    texts = plausible or [text for text, _ in advice]
+    raise GeometryError(f'{sizes}; the sizes would agree with {", or with ".join(texts)}')
+
+
+def _fitting_units(
+    ratio: float, option: str, path: Path, unit: str, diagonal: float
+) -> Iterator[tuple[str, float]]:
+    """Yield the option that makes a file fit, and how large the part is then, meters."""
     for other, scale in UNITS.items():
-        rescaled = ratio * UNITS[unit] / scale
-        if other != unit and 1.0 / _MAX_SIZE_RATIO < rescaled < _MAX_SIZE_RATIO:
-            raise GeometryError(
-                f'{path}: read in {unit} it is {sizes}; in {other} the sizes would agree: if '
-                f'that is its unit, use --nominal-unit {other}'
-            )
-    raise GeometryError(f'{path}: read in {unit} it is {sizes}; the sizes agree in no unit')
+        factor = UNITS[unit] / scale
+        if other != unit and 1.0 / _MAX_SIZE_RATIO < ratio * factor < _MAX_SIZE_RATIO:
+            yield f'{option} {other}, the unit of {path.name}', diagonal * factor

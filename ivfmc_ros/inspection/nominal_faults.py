@@ -9,6 +9,7 @@ import numpy as np
 from ivfmc_ros.inspection.alignment import align
 from ivfmc_ros.inspection.alignment import Alignment
 from ivfmc_ros.inspection.mesh_file import MeshBody
+from ivfmc_ros.inspection.settings import InspectSettings
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
@@ -54,22 +55,23 @@ def oriented(nominal: MeshBody) -> tuple[MeshBody, list[str]]:
 
 
 def align_to_nominal(
-    points_xyz: Floats, surface: Surface, nominal: MeshBody, method: str
+    points_xyz: Floats, surface: Surface, nominal: MeshBody, settings: InspectSettings
 ) -> tuple[Alignment, list[str]]:
     """
     Align points to the nominal, globally where ``best_fit`` starts too far away.
 
     returns : the alignment, and what the reader of the report has to know about it
     """
-    found = align(points_xyz, surface, nominal.vertices_xyz, method)
+    method = settings.align
+    found = align(points_xyz, surface, nominal.vertices_xyz, method, settings.tolerance)
     if found.rms <= _MAX_RMS * nominal.diagonal:
         return found, []
     far = f'{found.rms * 1e3:.3f} mm rms from the nominal'
-    if method == 'best_fit':
+    if method in {'best_fit', 'within_tolerance'}:
         other = align(points_xyz, surface, nominal.vertices_xyz, 'global')
         if _MIN_GAIN * other.rms < found.rms:
             return other, [
-                'nominal: it lies elsewhere or is turned; best_fit left the mesh '
+                f'nominal: it lies elsewhere or is turned; {method} left the mesh '
                 f'{far}, and it was aligned globally ({other.rms * 1e3:.3f} mm)'
             ]
     return found, [

@@ -2,14 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Settings of an inspection."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
 
-from ivfmc_ros.inspection.uncertainty import Conditions
-from ivfmc_ros.inspection.verdict import require_tolerance
+from ivfmc_ros.inspection.conditions import Conditions
+from ivfmc_ros.inspection.tolerances import Tolerances
+from ivfmc_ros.validation import require_in_range
 
-# Meters; points closer to the edge of a region are not used for its shape: the stripe is biased
-# where an edge cuts it.
+# Meters; points closer to the edge of a region are not judged: the stripe is biased where an edge
+# cuts it, and the mesh is rounded over its kernel of 3 voxels.
 EDGE = 1.0e-3
 
 
@@ -18,15 +20,29 @@ class InspectSettings:
     """
     Settings of an inspection. Lengths are meters.
 
-    tolerance : largest permitted deviation to either side, of the surface and of diameters
-    align : best_fit, global or none
-    edge : vertices closer to the edge of a region are not used for its fitted shape
+    tolerance : largest permitted deviation to either side, of surfaces and of diameters
+    features : tolerances of single features by name and characteristic, as in ``Tolerances``
+    align : best_fit, within_tolerance, global or none
+    edge : vertices closer to the edge of a region are not judged
+    vertex_u : stated standard uncertainty of the vertices, of a mesh that was not measured with a
+        known cell; taken as common to neighboring vertices
     """
 
     tolerance: float = 0.1e-3
+    features: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     align: str = 'best_fit'
     edge: float = EDGE
+    vertex_u: float | None = None
     conditions: Conditions = field(default_factory=Conditions)
 
     def __post_init__(self) -> None:
-        require_tolerance(self.tolerance)
+        # checks all values
+        _ = self.tolerances
+        require_in_range('edge', self.edge, 0.0, 1.0, 'm')
+        if self.vertex_u is not None:
+            require_in_range('vertex_u', self.vertex_u, 0.0, 1.0, 'm', open_low=True)
+
+    @property
+    def tolerances(self) -> Tolerances:
+        """Tolerances of all features."""
+        return Tolerances(default=self.tolerance, features=self.features)

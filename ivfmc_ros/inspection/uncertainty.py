@@ -9,19 +9,21 @@ again from their pixels, and the change is propagated to the measured quantity.
 """
 
 from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.cell.laser import LaserPlane
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
-from ivfmc_ros.validation import require_in_range
+from ivfmc_ros.model import Ints
 
-REFERENCE_TEMPERATURE = 20.0  # degrees Celsius, ISO 1
 # Minimum cosine between the normal and the direction to the camera of a point that is measured.
 _MIN_FACING = 0.1
 # Step of the numerical derivative, in standard deviations along a principal direction of a
@@ -31,55 +33,17 @@ _STEP = 1e-3
 _MEASURE_STEP = 0.05
 
 
-@dataclass(frozen=True, kw_only=True)
-class Conditions:
-    """
-    Measurement conditions that scale all lengths.
-
-    scale_u : relative standard uncertainty of the reference length of the calibration
-    temperature, temperature_u : temperature of the part, degrees Celsius, and its standard
-        uncertainty, K
-    expansion, expansion_u : coefficient of thermal expansion and its standard uncertainty, 1/K;
-        steel by default
-    """
-
-    scale_u: float = 0.0
-    temperature: float = REFERENCE_TEMPERATURE
-    temperature_u: float = 0.0
-    expansion: float = 11.5e-6
-    expansion_u: float = 1.0e-6
-
-    def __post_init__(self) -> None:
-        require_in_range('scale_u', self.scale_u, 0.0, 0.1)
-        require_in_range('temperature', self.temperature, -50.0, 200.0, 'C')
-        require_in_range('temperature_u', self.temperature_u, 0.0, 50.0, 'K')
-        require_in_range('expansion', self.expansion, 0.0, 1e-3, '1/K')
-
-    @property
-    def to_reference(self) -> float:
-        """Factor from a length at ``temperature`` to that at 20 degrees Celsius (ISO 1)."""
-        return 1.0 / (1.0 + self.expansion * (self.temperature - REFERENCE_TEMPERATURE))
-
-    @property
-    def relative_u(self) -> float:
-        """Relative standard uncertainty of a length due to scale and temperature."""
-        difference = self.temperature - REFERENCE_TEMPERATURE
-        return float(
-            np.linalg.norm(
-                [self.scale_u, self.expansion * self.temperature_u, difference * self.expansion_u]
-            )
-        )
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CalibrationModes:
     """
     Displacement of n points by one standard deviation of each independent calibration error.
 
     shifts : (k, n, 3) meters; the k errors are independent, so that their squares add up
+    sources : (k,) what of the cell errs: camera, laser planes or table axis
     """
 
     shifts: Floats
+    sources: tuple[str, ...] = ()
 
     def propagate(self, measure: Callable[[Floats], float], points_xyz: Floats) -> float:
         """Return the standard uncertainty of the quantity ``measure`` of points (n, 3)."""
@@ -101,11 +65,8 @@ class CalibrationModes:
         moves = np.einsum('knc,nc->nk', self.shifts, normals)
         if fitted:
             lever = points_xyz - points_xyz.mean(axis=0)
-            rigid = np.concatenate([np.cross(lever, normals), normals], axis=1)
-            scale = np.maximum(np.linalg.norm(rigid, axis=0), 1e-30)
-            moves = moves - rigid @ (
-                np.linalg.lstsq(rigid / scale, moves, rcond=1e-6)[0] / scale[:, None]
-            )
+            columns = np.concatenate([np.cross(lever, normals), normals], axis=1)
+            moves = _without_rigid(columns, moves)[1]
         return np.asarray(np.linalg.norm(moves, axis=1))
 
 
@@ -118,28 +79,66 @@ def calibration_modes(cell: Cell, points_xyz: Floats, normals: Floats) -> Calibr
     points_xyz : (n, 3) meters in ``turntable``
     normals : (n, 3) of the surface, to find the table angles at which the camera saw each point
     """
-    shifts = []
-    pose = cell.turntable.covariance
-    if pose is not None:
-        for direction in _principal_deviations(pose):
-            T = cell.turntable.camera_from_base
-            turn = Rotation.from_rotvec(_STEP * direction[3:]).as_matrix()
-            moved = transforms.rigid(turn @ T[:3, :3], T[:3, 3] + _STEP * direction[:3])
-            other = replace(cell, turntable=replace(cell.turntable, camera_from_base=moved))
-            shifts.append(_shift(cell, other, points_xyz, normals))
-    for index, laser in enumerate(cell.lasers):
-        if laser.covariance is None:
-            continue
-        for direction in _principal_deviations(laser.covariance):
-            normal = laser.normal + _STEP * direction[:3]
-            size = np.linalg.norm(normal)
-            offset = (laser.offset + _STEP * direction[3]) / size
-            bent = replace(laser, normal=normal / size, offset=float(offset), bow=None)
-            lasers = (*cell.lasers[:index], bent, *cell.lasers[index + 1 :])
-            shifts.append(_shift(cell, replace(cell, lasers=lasers), points_xyz, normals))
+    erring = list(_erring_cells(cell))
+    shifts = [_shift(cell, other, points_xyz, normals) for _, other in erring]
     if not shifts:
         return CalibrationModes(shifts=np.zeros((0, len(points_xyz), 3)))
-    return CalibrationModes(shifts=np.stack(shifts) / _STEP)
+    return CalibrationModes(
+        shifts=np.stack(shifts) / _STEP, sources=tuple(source for source, _ in erring)
+    )
+
+
+def _erring_cells(cell: Cell) -> Iterator[tuple[str, Cell]]:
+    """Yield what errs, and the cell with a small part of one independent error."""
+    joint = getattr(cell, 'covariance', None)
+    if joint is not None:
+        # camera, laser planes and axis err together: their parts are not independent
+        for direction in joint.deviations():
+            yield 'calibration', _with_error(cell, _STEP * direction)
+        return
+    zeros = [np.zeros(4 + len(cell.camera.distortion)), *([np.zeros(4)] * len(cell.lasers))]
+    parts = [*zeros, np.zeros(6)]
+    covariances = [
+        getattr(cell.camera, 'covariance', None),
+        *(laser.covariance for laser in cell.lasers),
+        cell.turntable.covariance,
+    ]
+    sources = ['camera', *(['laser planes'] * len(cell.lasers)), 'table axis']
+    for place, (source, covariance) in enumerate(zip(sources, covariances, strict=True)):
+        for direction in () if covariance is None else _principal_deviations(covariance):
+            step = [*parts[:place], _STEP * direction, *parts[place + 1 :]]
+            yield source, _with_error(cell, np.concatenate(step))
+
+
+def _with_error(cell: Cell, step: Floats) -> Cell:
+    """
+    Return the cell with other parameters.
+
+    step : of the intrinsics (fx, fy, cx, cy, distortion), of normal and offset of each plane, and
+        of translation and rotation vector of the axis
+    """
+    camera, T = cell.camera, cell.turntable.camera_from_base
+    count = 4 + len(camera.distortion)
+    fx, fy, cx, cy = step[:4]
+    if step[:count].any():
+        K = camera.K + np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 0.0]])
+        camera = replace(camera, K=K, distortion=camera.distortion + step[4:count])
+    planes = np.split(step[count:-6], len(cell.lasers))
+    turn = Rotation.from_rotvec(step[-3:]).as_matrix()
+    moved = transforms.rigid(turn @ T[:3, :3], T[:3, 3] + step[-6:-3])
+    return replace(
+        cell,
+        camera=camera,
+        lasers=tuple(_moved(*pair) for pair in zip(cell.lasers, planes, strict=True)),
+        turntable=replace(cell.turntable, camera_from_base=moved),
+    )
+
+
+def _moved(laser: LaserPlane, step: Floats) -> LaserPlane:
+    """Return a laser plane with other normal and offset, without bow."""
+    normal = laser.normal + step[:3]
+    size = float(np.linalg.norm(normal))
+    return replace(laser, normal=normal / size, offset=(laser.offset + step[3]) / size, bow=None)
 
 
 def _principal_deviations(covariance: Floats) -> Floats:
@@ -191,10 +190,87 @@ def _retriangulated(
     base = np.einsum('nij,nj->ni', turns, points)
     camera = transforms.apply(cell.turntable.camera_from_base, base)
     rays = camera / camera[:, 2:]
+    seen = rays
+    if other.camera is not cell.camera:
+        seen = other.camera.rays(cell.camera.project(rays))
     # without the bow of the laser plane: it moves with the plane and cancels
     flat = replace(cell.lasers[laser], bow=None)
     with np.errstate(invalid='ignore', divide='ignore'):
-        moved = replace(other.lasers[laser], bow=None).intersect(rays) - flat.intersect(rays)
+        moved = replace(other.lasers[laser], bow=None).intersect(seen) - flat.intersect(rays)
     base = transforms.apply(transforms.invert(other.turntable.camera_from_base), camera + moved)
     back = np.einsum('nji,nj->ni', turns, base)
     return back, np.isfinite(back).all(axis=1)
+
+
+# Vertices at which the displacements are computed; between them they are smooth.
+_MAX_MODEL_POINTS = 20_000
+# Meters by which the nearest vertex may be farther if its normal is that of the other: the cameras
+# and lasers that see a vertex depend on its normal.
+_NORMAL_LENGTH = 0.02
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CalibrationModel:
+    """
+    Displacement of the points of one mesh by the errors of the cell that measured it.
+
+    cell : None if it is not known
+    center : (3,) meters, and rigid : (k, 6) rotation and translation, which the alignment of the
+        mesh to the nominal absorbs, of each of the k independent errors
+    along_normals : (n,) meters, standard uncertainty of the vertices; NaN if it is not known
+    """
+
+    cell: Cell | None
+    center: Floats
+    rigid: Floats
+    along_normals: Floats
+
+    @classmethod
+    def of(
+        cls, cell: Cell | None, points_xyz: Floats, normals: Floats, *, aligned: bool
+    ) -> 'CalibrationModel':
+        """
+        Compute the displacements of the vertices (n, 3) of a mesh with normals (n, 3).
+
+        aligned : the alignment to a nominal absorbs rigid displacements
+        """
+        chosen = np.arange(0, len(points_xyz), max(1, len(points_xyz) // _MAX_MODEL_POINTS))
+        points, n = points_xyz[chosen], normals[chosen]
+        center = points.mean(axis=0)
+        unknown = np.full(len(points_xyz), np.nan)
+        nothing = cls(cell=cell, center=center, rigid=np.zeros((0, 6)), along_normals=unknown)
+        if cell is None:
+            return nothing
+        modes = calibration_modes(cell, points, n)
+        if not len(modes.shifts):
+            return nothing
+        moves = np.einsum('knc,nc->nk', modes.shifts, n)
+        rigid = np.zeros((len(modes.shifts), 6))
+        if aligned:
+            columns = np.concatenate([np.cross(points - center, n), n], axis=1)
+            rigid, moves = _without_rigid(columns, moves)
+        size = np.linalg.norm(moves, axis=1)
+        known = size[_nearest(points, n, points_xyz, normals)]
+        return cls(cell=cell, center=center, rigid=rigid, along_normals=known)
+
+    def modes(self, points_xyz: Floats, normals: Floats) -> CalibrationModes | None:
+        """Return the displacements of points (n, 3) that remain after the alignment, or None."""
+        if self.cell is None or not len(self.rigid):
+            return None
+        modes = calibration_modes(self.cell, points_xyz, normals)
+        lever = points_xyz - self.center
+        turned = np.cross(self.rigid[:, None, :3], lever[None]) + self.rigid[:, None, 3:]
+        return replace(modes, shifts=modes.shifts - turned)
+
+
+def _without_rigid(columns: Floats, moves: Floats) -> tuple[Floats, Floats]:
+    """Return the rigid motions (k, 6) that fit moves (n, k), and what remains of these."""
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
+    solved = np.linalg.lstsq(columns / scale, moves, rcond=1e-6)[0] / scale[:, None]
+    return solved.T, moves - columns @ solved
+
+
+def _nearest(points: Floats, normals: Floats, queries: Floats, their_normals: Floats) -> Ints:
+    tree = cKDTree(np.concatenate([points, _NORMAL_LENGTH * normals], axis=1))
+    both = np.concatenate([queries, _NORMAL_LENGTH * their_normals], axis=1)
+    return np.asarray(tree.query(both, workers=-1)[1])

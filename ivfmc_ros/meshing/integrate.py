@@ -68,11 +68,13 @@ class _Attributes:
     Attributes of a closed surface of quads.
 
     sigma : (n,) meters, of the vertices; NaN where not measured
+    systematic : (n,) meters, of the error that neighboring vertices share, likewise
     intensity : (n,) gray values, likewise
     kind : (m,) uint8, of the quads
     """
 
     sigma: Floats
+    systematic: Floats
     intensity: Floats
     kind: Kinds
 
@@ -124,7 +126,7 @@ def _attributes(
     """Return what is known of the vertices and quads of the closed surface."""
     blocks = sums.blocks
     indices = blocks.flat_indices(surface.cells)
-    counts, light = sums.blur.sum_neighborhoods(sums.counts, indices).T
+    counts, light, weights, systematic, noise = sums.blur.sum_neighborhoods(sums.counts, indices).T
     seen = touched = counts > 0.5
     if len(sums.orphans):
         ones = np.ones((len(sums.orphans), 1), dtype=np.float32)
@@ -133,10 +135,14 @@ def _attributes(
     level = None if floor is None else (floor - blocks.grid.origin[2]) / blocks.grid.voxel
     weight = weight.reshape(-1).take(np.maximum(indices, 0))
     with np.errstate(invalid='ignore', divide='ignore'):
-        sigma = np.sqrt(_MEAN_KERNEL / (weight * sums.mean_weight))
+        # the weights contain systematic errors, which do not average out
+        sigma = np.sqrt(_MEAN_KERNEL / (weight * sums.mean_weight) * noise / weights)
         intensity = light / counts
+        # errors that the samples share do not average out: a linear mean
+        systematic = systematic / weights if sums.systematic_known else np.nan * weights
     return _Attributes(
         sigma=np.where(seen, sigma, np.nan).astype(np.float64),
+        systematic=np.where(seen, systematic, np.nan).astype(np.float64),
         intensity=np.where(seen, intensity, np.nan).astype(np.float64),
         kind=_classify_quads(surface, seen, touched, level),
     )
@@ -214,6 +220,7 @@ def _to_mesh(
         faces=faces,
         normals=normals.vertex_normals(vertices_xyz, faces),
         sigma=attributes.sigma[used],
+        systematic=attributes.systematic[used],
         intensity=attributes.intensity[used],
         kind=np.concatenate([attributes.kind[keep]] * 2),
         isolated_components=isolated,

@@ -64,5 +64,6 @@ def poisson(
         normals=normals.vertex_normals(vertices[used], kept),
         sigma=1.0 / np.sqrt(samples.weight[nearest[used]]),
         intensity=samples.intensity[nearest[used]],
+        systematic=samples.systematic[nearest[used]],
         kind=np.where(far, FILLED, MEASURED).astype(np.uint8)[keep],
     )

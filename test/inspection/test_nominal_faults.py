@@ -15,7 +15,7 @@ from ivfmc_ros.inspection.settings import InspectSettings
 from ivfmc_ros.simulation.parts.solids import box
 from ivfmc_ros.simulation.parts.solids import stepped_shaft
 
-SETTINGS = InspectSettings(tolerance=0.05e-3)
+SETTINGS = InspectSettings(tolerance=0.05e-3, vertex_u=1e-6)
 SOLIDS = (box((0.02, 0.03, 0.05)), stepped_shaft([(0.02, 0.015), (0.01, 0.02)]))
 
 

@@ -8,9 +8,9 @@ from support.cylinder_scan import coverage
 from support.cylinder_scan import stated_cell
 
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.inspection.conditions import Conditions
 from ivfmc_ros.inspection.uncertainty import calibration_modes
 from ivfmc_ros.inspection.uncertainty import CalibrationModes
-from ivfmc_ros.inspection.uncertainty import Conditions
 
 
 def ring(radius=0.03, count=200):

@@ -5,17 +5,25 @@
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
+from ivfmc_ros.inspection.budget import Budget
+from ivfmc_ros.inspection.budget import COVERAGE_FACTOR
+from ivfmc_ros.inspection.characteristics import FeatureCharacteristic
 from ivfmc_ros.inspection.feature_measurement import FeatureResult
 from ivfmc_ros.inspection.inspect import Inspection
-from ivfmc_ros.inspection.inspect import SurfaceResult
 from ivfmc_ros.inspection.settings import InspectSettings
+from ivfmc_ros.inspection.surface_measurement import SurfaceResult
+from ivfmc_ros.inspection.verdict import NOT_DECIDED
+from ivfmc_ros.inspection.verdict import NOT_MEASURED
+from ivfmc_ros.inspection.verdict import overall
 
 
 def document(inspection: Inspection, settings: InspectSettings) -> dict[str, Any]:
     """Return all results of an inspection; lengths are meters."""
     return {
         'tolerance_m': settings.tolerance,
-        'rule': 'ISO 14253-1, 95 %',
+        'rule': f'ISO 14253-1, 95 %; U is the expanded uncertainty, k = {COVERAGE_FACTOR:g}',
         'verdict': verdict(inspection),
         'uncertainty_of_calibration': inspection.calibrated,
         'alignment': {
@@ -27,21 +35,26 @@ def document(inspection: Inspection, settings: InspectSettings) -> dict[str, Any
         'unseen': inspection.unseen,
         'notes': inspection.notes,
         'surface': [_surface(result) for result in [inspection.whole, *inspection.regions]],
+        'characteristics': [
+            _characteristic(feature, item)
+            for feature in inspection.features
+            for item in feature.characteristics
+        ],
         'features': [_feature(feature) for feature in inspection.features],
+        'budget': _budgets(inspection),
     }
 
 
 def verdict(inspection: Inspection) -> str:
     """
-    Return the overall verdict: fail if any result fails, pass if all pass, else not decided.
+    Return the overall verdict: fail if any result fails, pass if all that was measured well does.
 
     Nothing is decided where the mesh does not lie on the nominal.
     """
     if inspection.misplaced:
-        return 'not decided'
+        return NOT_DECIDED
     verdicts = {result.verdict for result in [inspection.whole, *inspection.regions]}
-    verdicts |= {feature.verdict for feature in inspection.features}
-    return next((v for v in ('fail', 'not decided') if v in verdicts), 'pass')
+    return overall(verdicts | {feature.verdict for feature in inspection.features})
 
 
 def _surface(result: SurfaceResult) -> dict[str, Any]:
@@ -52,23 +65,68 @@ def _surface(result: SurfaceResult) -> dict[str, Any]:
         'vertices': count,
         **{f'{name}_m': value for name, value in lengths.items()},
         'within': result.within,
-        'u_m': result.uncertainty,
+        'coverage': result.coverage,
+        'U_m': result.budget.expanded,
+        'tolerance_m': result.tolerance,
         'verdict': result.verdict,
     }
 
 
+def _characteristic(feature: FeatureResult, item: FeatureCharacteristic) -> dict[str, Any]:
+    return {
+        'feature': feature.name,
+        'characteristic': item.name,
+        'nominal_m': item.nominal,
+        'measured_m': item.measured,
+        'deviation_m': item.deviation,
+        'U_m': item.budget.expanded,
+        'tolerance_m': item.tolerance,
+        'verdict': item.verdict,
+    }
+
+
 def _feature(feature: FeatureResult) -> dict[str, Any]:
+    found = feature.feature
+    shape = feature.nominal if found is None else found
     return {
         'name': feature.name,
-        'kind': feature.feature.kind,
-        'diameter_m': feature.feature.diameter,
-        'nominal_m': feature.nominal,
-        'form_m': feature.feature.form,
-        'rms_m': feature.feature.rms,
-        'points': feature.feature.count,
-        'u_m': feature.uncertainty,
-        'u_noise_m': feature.noise,
-        'u_calibration_m': feature.calibration,
-        'u_conditions_m': feature.conditions,
+        'kind': shape.kind,
+        'position_m': shape.center_xyz.tolist(),
+        'axis': shape.axis.tolist() if np.isfinite(shape.axis).all() else None,
+        'axis_is_nominal': feature.axis_is_nominal,
+        'points': 0 if found is None else found.count,
+        'rms_m': float('nan') if found is None else found.rms,
+        'coverage': feature.coverage,
         'verdict': feature.verdict,
+        'reason': feature.reason or (NOT_MEASURED if not feature.characteristics else ''),
     }
+
+
+def _budgets(inspection: Inspection) -> list[dict[str, Any]]:
+    """Return a row for each value: what contributes how much to its standard uncertainty."""
+    rows = [
+        _budget_row(result.name, 'surface', result.budget)
+        for result in [inspection.whole, *inspection.regions]
+    ]
+    rows += [
+        _budget_row(feature.name, item.name, item.budget)
+        for feature in inspection.features
+        for item in feature.characteristics
+    ]
+    # the same columns in every row
+    sources = dict.fromkeys(key for row in rows for key in row if key.endswith('_m'))
+    names = [key for key in sources if key != 'u_m']
+    return [
+        {
+            'feature': row['feature'],
+            'characteristic': row['characteristic'],
+            **{key: row.get(key) for key in names},
+            'u_m': row['u_m'],
+        }
+        for row in rows
+    ]
+
+
+def _budget_row(name: str, characteristic: str, budget: Budget) -> dict[str, Any]:
+    parts = {f'{source.replace(" ", "_")}_m': u for source, u in budget.components.items()}
+    return {'feature': name, 'characteristic': characteristic, **parts, 'u_m': budget.standard}

@@ -27,6 +27,8 @@ _UNITS = {
     'rotation': _DEGREES,
     'speed': _RATE,
     'translation': _MILLIMETERS,
+    'coverage': ('%', 100.0, 1),
+    'within': ('%', 100.0, 2),
 }
 
 

@@ -10,7 +10,7 @@ h3 { font-size: 15px; margin: 14px 0 4px } .wide { overflow-x: auto; margin-bott
 table { border-collapse: collapse; font-variant-numeric: tabular-nums }
 td, th { padding: 2px 10px; text-align: right; border-bottom: 1px solid #dde3ea }
 td:first-child, th:first-child { text-align: left; white-space: nowrap }
-.pass { color: #0a7d32 } .fail { color: #c22020; font-weight: 600 } .not { color: #9a6b00 }
+.pass { color: #0a7d32 } .fail { color: #c22020; font-weight: 600 } .not, .no { color: #9a6b00 }
 #view { width: 100%; height: 560px; background: #f4f6f8; touch-action: none; cursor: grab;
   display: block }
 #bar { height: 12px; width: 260px; display: inline-block; vertical-align: middle; margin: 0 6px }

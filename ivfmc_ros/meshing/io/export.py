@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ivfmc_ros import files
 from ivfmc_ros.meshing.geometry import normals
 from ivfmc_ros.meshing.io import threemf
+from ivfmc_ros.meshing.io.stated_uncertainty import write_sidecar
 from ivfmc_ros.meshing.parallel import map_chunked
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
@@ -37,7 +38,8 @@ def write_mesh(path: Path, mesh: Mesh, unit: str = 'mm') -> None:
     """
     Write a mesh as binary STL, binary PLY, OBJ, binary glTF or 3MF, by the suffix of ``path``.
 
-    The file appears complete or not at all. glTF is always in meters.
+    The file appears complete or not at all. glTF is always in meters. Beside an STL file with
+    measured vertices, ``<name>.stl.npz`` states their uncertainty (``stated_uncertainty``).
 
     unit : unit of the other formats, one of ``UNITS``
     :raises ParameterError: the suffix or the unit is unknown, or lib3mf is not installed
@@ -49,6 +51,8 @@ def write_mesh(path: Path, mesh: Mesh, unit: str = 'mm') -> None:
     scale = _scale(unit)
     with files.atomic_file(path) as temporary, temporary.open('wb') as stream:
         write(stream, mesh, mesh.vertices_xyz * scale, unit)
+    if suffix == '.stl' and np.isfinite(mesh.sigma).any():
+        write_sidecar(path, mesh, scale)
 
 
 def write_solid(path: Path, vertices_xyz: Floats, faces: Ints, unit: str = 'mm') -> None:
@@ -110,7 +114,9 @@ def _stl(stream: BinaryIO, mesh: Mesh, vertices: Floats, unit: str) -> None:
 def _ply(stream: BinaryIO, mesh: Mesh, vertices: Floats, unit: str) -> None:
     table = np.zeros(len(vertices), dtype=[*((name, '<f4') for name in _PLY_FLOATS), *_COLORS])
     values = (*vertices.T, *mesh.normals.T, mesh.sigma * UNITS[unit], mesh.intensity)
-    for name, column in zip(_PLY_FLOATS, (*values, quality(mesh)), strict=True):
+    systematic = mesh.sigma * np.nan if mesh.systematic is None else mesh.systematic
+    values = (*values, quality(mesh), systematic * UNITS[unit])
+    for name, column in zip(_PLY_FLOATS, values, strict=True):
         table[name] = column
     for name, _ in _COLORS:
         table[name] = _gray(mesh)
@@ -125,7 +131,7 @@ def _ply(stream: BinaryIO, mesh: Mesh, vertices: Floats, unit: str) -> None:
     stream.write(faces.tobytes())
 
 
-_PLY_FLOATS = ('x', 'y', 'z', 'nx', 'ny', 'nz', 'sigma', 'intensity', 'quality')
+_PLY_FLOATS = ('x', 'y', 'z', 'nx', 'ny', 'nz', 'sigma', 'intensity', 'quality', 'systematic')
 _COLORS = [('red', 'u1'), ('green', 'u1'), ('blue', 'u1')]
 
 

@@ -3,6 +3,7 @@
 """Writes 3MF files, which state their unit, with lib3mf of the 3MF Consortium."""
 
 from importlib.util import find_spec
+import json
 from typing import Any
 from typing import BinaryIO
 
@@ -10,10 +11,16 @@ import numpy as np
 
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.meshing.geometry.topology import boundary_edges
+from ivfmc_ros.model import BASE
+from ivfmc_ros.model import BRIDGED
+from ivfmc_ros.model import FILLED
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
+from ivfmc_ros.model import MEASURED
 from ivfmc_ros.model import Mesh
 
+_NAMESPACE = 'urn:ivfmc_ros'
+_KINDS = {MEASURED: 'measured', BRIDGED: 'bridged', BASE: 'base', FILLED: 'filled'}
 _UNITS = {'m': 'Meter', 'mm': 'MilliMeter', 'inch': 'Inch'}
 
 
@@ -32,6 +39,8 @@ def write(stream: BinaryIO, mesh: Mesh, vertices: Floats, unit: str) -> None:
     Write a mesh as one object: of type model if it is closed, else of type surface.
 
     vertices : (n, 3), in ``unit``
+    The metadata entry ``uncertainty`` (JSON) states the uncertainty of the vertices.
+
     unit : m, mm or inch
     :raises ParameterError: lib3mf is not installed
     """
@@ -40,6 +49,9 @@ def write(stream: BinaryIO, mesh: Mesh, vertices: Floats, unit: str) -> None:
 
     model = lib3mf.get_wrapper().CreateModel()
     model.SetUnit(getattr(lib3mf.ModelUnit, _UNITS[unit]))
+    model.GetMetaDataGroup().AddMetaData(
+        _NAMESPACE, 'uncertainty', json.dumps(_uncertainty(mesh)), 'xs:string', False
+    )
     item = model.AddMeshObject()
     item.SetName('ivfmc_ros')
     item.SetGeometry(
@@ -49,6 +61,18 @@ def write(stream: BinaryIO, mesh: Mesh, vertices: Floats, unit: str) -> None:
     item.SetType(getattr(lib3mf.ObjectType, 'Model' if closed else 'Surface'))
     model.AddBuildItem(item, lib3mf.get_wrapper().GetIdentityTransform())
     stream.write(bytes(model.QueryWriter('3mf').WriteToBuffer()))
+
+
+def _uncertainty(mesh: Mesh) -> dict[str, Any]:
+    """Return median and 95 % of sigma and of the systematic sigma, and the faces of each kind."""
+    found: dict[str, Any] = {'unit': 'm'}
+    for name, values in (('sigma', mesh.sigma), ('systematic', mesh.systematic)):
+        known = np.empty(0) if values is None else values[np.isfinite(values)]
+        median, p95 = np.percentile(known, (50, 95)).tolist() if len(known) else (None, None)
+        found[name] = {'median': median, 'p95': p95, 'vertices': len(known)}
+    kind = np.full(len(mesh.faces), MEASURED) if mesh.kind is None else mesh.kind
+    found['faces'] = {name: int(np.count_nonzero(kind == k)) for k, name in _KINDS.items()}
+    return found
 
 
 def _array(kind: Any, rows: Floats | Ints, dtype: str) -> Any:

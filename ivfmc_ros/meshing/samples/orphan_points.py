@@ -28,6 +28,9 @@ _MIN_INLIER_RATIO, _MIN_INLIERS, _MIN_BREADTH = 0.5, 5, 0.6
 _MIN_FACING = 0.15  # cosine between the normal and the direction to the camera
 # Weight of an attached point relative to the nearest sample: its normal is less certain.
 _WEIGHT = 0.3
+# Systematic error of an attached point (1 sigma) in sigmas of a point, which is located to about a
+# tenth of the sheet's thickness.
+_SYSTEMATIC_SIGMAS = 5.0
 
 
 def attach_orphan_points(
@@ -74,6 +77,9 @@ def attach_orphan_points(
         to_camera=samples.to_camera[chosen],
         weight=_WEIGHT * samples.weight[chosen],
         intensity=samples.intensity[chosen],
+        noise_share=samples.noise_share[chosen],
+        # a point without neighbors in its view is at the end of a stripe
+        systematic=np.maximum(samples.systematic[chosen], _SYSTEMATIC_SIGMAS * sigma),
         orphans_xyz=queries[is_orphan & ~good],
     )
     return merge_samples([replace(samples, orphans_xyz=np.empty((0, 3))), attached])

@@ -34,6 +34,8 @@ class RangeGrid:
     intensity : (rows, columns) gray values
     closed : the last column neighbors the first
     thickness : meters, 1 sigma of the light sheet; 0 if unknown
+    sheet_normals : (columns, 3) unit normals of the light sheet, or None
+    angle_step : radians, median step between columns
     """
 
     points_xyz: Floats
@@ -43,6 +45,8 @@ class RangeGrid:
     error_direction: Floats | None = None
     closed: bool = False
     thickness: float = 0.0
+    sheet_normals: Floats | None = None
+    angle_step: float = 0.0
 
 
 def make_range_grid(cell: Cell, view: View, turntable_from_view: Floats) -> RangeGrid:
@@ -68,7 +72,15 @@ def make_range_grid(cell: Cell, view: View, turntable_from_view: Floats) -> Rang
         error_direction=error @ R.T,
         closed=is_full_turn(view),
         thickness=cell.lasers[view.laser].thickness,
+        sheet_normals=_sheet_normals(cell, view, turns) @ R.T,
+        angle_step=float(np.median(np.diff(view.angles))) if len(view.angles) > 1 else 0.0,
     )
+
+
+def _sheet_normals(cell: Cell, view: View, turns: Floats) -> Floats:
+    """Return the normals of the light sheet in ``turntable``, (columns, 3)."""
+    normal = cell.lasers[view.laser].normal @ cell.turntable.camera_from_base[:3, :3]
+    return np.asarray(normal @ turns)
 
 
 def _error_directions(cell: Cell, view: View) -> Floats:

@@ -14,6 +14,7 @@ import numpy as np
 from ivfmc_ros.meshing.samples.range_grid import connected_to_next
 from ivfmc_ros.meshing.samples.range_grid import median_spacings
 from ivfmc_ros.meshing.samples.range_grid import RangeGrid
+from ivfmc_ros.meshing.samples.stripe_footprint import systematic_sigma
 from ivfmc_ros.meshing.samples.thickness import SheetThickness
 from ivfmc_ros.meshing.samples.thickness import thickness_bias
 from ivfmc_ros.model import Bools
@@ -23,6 +24,9 @@ from ivfmc_ros.model import Ints
 # The error of a point lies in the light sheet. Where the surface does too, this share of it is
 # taken to remain along the normal.
 _MIN_NORMAL_SHARE = 0.3
+# Systematic error that counts in the weight of a sample at most, in sigmas of its noise: samples
+# that weigh much less than others leave gaps where there are no others.
+_MAX_SYSTEMATIC_NOISES = 5.0
 # Greatest number of segments into which a step between two columns is divided.
 _MAX_SEGMENTS = 20
 # Between normals that differ by less than this (cosine; 37 degrees) a curve is interpolated, and
@@ -42,6 +46,9 @@ class SurfaceSamples:
     weight : (n,) 1/meter^2, 1/sigma^2 along the normal; interpolated samples share the weight of
         the point that they follow
     intensity : (n,) gray values
+    systematic : (n,) meters, 1 sigma of the error along the normal that neighboring samples share;
+        NaN where unknown; it is contained in ``weight``
+    noise_share : (n,) share of the noise in the variance, from 0 to 1
     orphans_xyz : (k, 3) meters, orphan points: measured points without a normal
     """
 
@@ -50,6 +57,8 @@ class SurfaceSamples:
     to_camera: Floats
     weight: Floats
     intensity: Floats
+    systematic: Floats
+    noise_share: Floats
     orphans_xyz: Floats = attribute(default_factory=lambda: np.empty((0, 3)))
 
     def __len__(self) -> int:
@@ -77,11 +86,13 @@ def sample_grid(grid: RangeGrid, max_edge: float | None, voxel: float) -> Surfac
     """
     down, right = connected_to_next(grid, 0, max_edge), connected_to_next(grid, 1, max_edge)
     normals = _grid_normals(grid, down, right)
-    grid = _correct_thickness(grid, normals, right)
+    systematic = systematic_sigma(grid, normals, down, right)
+    grid, residual = _correct_thickness(grid, normals, right)
+    systematic = np.hypot(systematic, residual)
     points = grid.points_xyz
     with np.errstate(invalid='ignore'):
         known = np.isfinite(normals[..., 0])
-    weight = _weights(grid, normals)
+    weight, noise_share = _weights(grid, normals, np.nan_to_num(systematic))
     connected = right & known & np.roll(known, -1, axis=1)
     steps = _ColumnSteps.of(grid, connected, voxel)
     weight[steps.row, steps.column] /= steps.segments
@@ -91,21 +102,24 @@ def sample_grid(grid: RangeGrid, max_edge: float | None, voxel: float) -> Surfac
         to_camera=np.broadcast_to(grid.to_camera, points.shape)[known],
         weight=weight[known],
         intensity=grid.intensity[known],
+        systematic=systematic[known],
+        noise_share=noise_share[known],
         orphans_xyz=points[~known & np.isfinite(points[..., 0])],
     )
-    return merge_samples([measured, *_interpolated(grid, normals, weight, steps)])
+    values = _PointValues(weight=weight, systematic=systematic, noise_share=noise_share)
+    return merge_samples([measured, *_interpolated(grid, normals, values, steps)])
 
 
-def _correct_thickness(grid: RangeGrid, normals: Floats, right: Bools) -> RangeGrid:
-    """Return the grid without the bias of the thickness of the light sheet."""
+def _correct_thickness(grid: RangeGrid, normals: Floats, right: Bools) -> tuple[RangeGrid, Floats]:
+    """Return the grid without the bias of the sheet's thickness, and the uncertainty of it."""
     if grid.error_direction is None or not grid.thickness:
-        return grid
+        return grid, np.zeros(grid.points_xyz.shape[:2])
     sheet = SheetThickness(
         to_camera=grid.to_camera, error_direction=grid.error_direction, thickness=grid.thickness
     )
     known = np.nan_to_num(normals)
-    bias = thickness_bias(grid.points_xyz, normals, right, sheet)
-    return replace(grid, points_xyz=grid.points_xyz + bias[..., None] * known)
+    bias, u = thickness_bias(grid.points_xyz, normals, right, sheet)
+    return replace(grid, points_xyz=grid.points_xyz + bias[..., None] * known), u
 
 
 def _grid_normals(grid: RangeGrid, down: Bools, right: Bools) -> Floats:
@@ -135,9 +149,12 @@ def _tangents(points: Floats, connected: Bools, axis: int, max_steps: int) -> Fl
     return np.asarray(ahead - behind)
 
 
-def _weights(grid: RangeGrid, normals: Floats) -> Floats:
+def _weights(grid: RangeGrid, normals: Floats, systematic: Floats) -> tuple[Floats, Floats]:
     """
-    Return (rows, columns) 1/sigma^2 along the normal, reduced where the incidence is oblique.
+    Return 1/sigma^2 along the normal, less where the incidence is oblique, and the noise's share.
+
+    systematic : (rows, columns) meters, 1 sigma along the normal
+    returns : (rows, columns) 1/meter^2; and the share of the noise in sigma^2
 
     There the stripe is wide, and distorted near edges of the surface.
     """
@@ -145,7 +162,18 @@ def _weights(grid: RangeGrid, normals: Floats) -> Floats:
     error = grid.to_camera if grid.error_direction is None else grid.error_direction
     share = np.maximum(np.abs((normals * error).sum(axis=2)), _MIN_NORMAL_SHARE)
     with np.errstate(invalid='ignore', divide='ignore'):
-        return np.asarray((0.05 + facing) / (grid.sigma * share) ** 2)
+        noise = (grid.sigma * share) ** 2
+        variance = noise + np.minimum(systematic**2, _MAX_SYSTEMATIC_NOISES**2 * noise)
+        return np.asarray((0.05 + facing) / variance), np.asarray(noise / variance)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _PointValues:
+    """Values of ``SurfaceSamples`` at the points of a grid, (rows, columns) each."""
+
+    weight: Floats
+    systematic: Floats
+    noise_share: Floats
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -185,17 +213,17 @@ class _ColumnSteps:
 
 
 def _interpolated(
-    grid: RangeGrid, normals: Floats, weight: Floats, steps: _ColumnSteps
+    grid: RangeGrid, normals: Floats, values: _PointValues, steps: _ColumnSteps
 ) -> Iterator[SurfaceSamples]:
     """Yield samples between columns that are farther apart than a voxel."""
     for count in np.unique(steps.segments[steps.segments > 1]).tolist():
         chosen = steps.with_segments(count)
         for k in range(1, count):
-            yield _interpolate(grid, normals, weight, chosen, k / count)
+            yield _interpolate(grid, normals, values, chosen, k / count)
 
 
 def _interpolate(
-    grid: RangeGrid, normals: Floats, weight: Floats, steps: _ColumnSteps, share: float
+    grid: RangeGrid, normals: Floats, values: _PointValues, steps: _ColumnSteps, share: float
 ) -> SurfaceSamples:
     """Return samples at ``share`` of the way from one column to the next, on a smooth curve."""
     here, there = (steps.row, steps.column), (steps.row, steps.following)
@@ -209,6 +237,8 @@ def _interpolate(
         points_xyz=grid.points_xyz[here] + share * steps.step + height[:, None] * normal,
         normals=normal,
         to_camera=np.broadcast_to(grid.to_camera, normals.shape)[here],
-        weight=weight[here],
+        weight=values.weight[here],
         intensity=(1.0 - share) * grid.intensity[here] + share * grid.intensity[there],
+        systematic=np.maximum(values.systematic[here], values.systematic[there]),
+        noise_share=values.noise_share[here],
     )

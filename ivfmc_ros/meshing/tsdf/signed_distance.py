@@ -50,9 +50,12 @@ class SampleSums:
     indices : (n,) flat indices of these voxels, ascending
     planes : (n, 8) float32, sums of weight (1), weight * n.p (1), weight * n (3) and weight * p
         (3), with p in voxels and weights divided by ``mean_weight``
-    counts : (n, 2) float32, number of samples and sum of their intensities
+    counts : (n, 5) float32, number of samples, and sums of their intensities, of their weights
+        divided by ``mean_weight``, of these times the systematic sigma in meters, and of these
+        times the share of the noise
     orphans : (k,) flat indices of voxels that contain orphan points, ascending
     mean_weight : 1/meter^2, of all samples
+    systematic_known : all samples have a systematic sigma
     """
 
     blocks: VoxelBlocks
@@ -62,6 +65,7 @@ class SampleSums:
     counts: Singles
     orphans: Ints
     mean_weight: float
+    systematic_known: bool
 
 
 def accumulate(grid: VoxelGrid, samples: SurfaceSamples) -> SampleSums:
@@ -79,7 +83,17 @@ def accumulate(grid: VoxelGrid, samples: SurfaceSamples) -> SampleSums:
         (np.ones(len(order), dtype=np.float32), order, np.append(first, len(order))),
         shape=(len(first), len(order)),
     )
-    counts = np.stack([np.ones(len(samples)), samples.intensity], axis=1).astype(np.float32)
+    weight = samples.weight / mean_weight
+    counts = np.stack(
+        [
+            np.ones(len(samples)),
+            samples.intensity,
+            weight,
+            weight * np.nan_to_num(samples.systematic),
+            weight * samples.noise_share,
+        ],
+        axis=1,
+    ).astype(np.float32)
     return SampleSums(
         blocks=blocks,
         blur=SparseBlur(blocks, indices[first]),
@@ -88,6 +102,7 @@ def accumulate(grid: VoxelGrid, samples: SurfaceSamples) -> SampleSums:
         counts=summing @ counts,
         orphans=np.unique(orphans),
         mean_weight=mean_weight,
+        systematic_known=bool(np.isfinite(samples.systematic).all()),
     )
 
 

@@ -1,6 +1,8 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 from dataclasses import replace
+import html
+import json
 import os
 from pathlib import Path
 import re
@@ -88,7 +90,7 @@ def test_suffix_counts_in_any_case(tmp_path):
 def test_ply_holds_normals_sigma_and_intensity(tmp_path):
     write_mesh(tmp_path / 'mesh.ply', box())
     table = ply_table(tmp_path / 'mesh.ply')
-    names = ['x', 'y', 'z', 'nx', 'ny', 'nz', 'sigma', 'intensity', 'quality']
+    names = ['x', 'y', 'z', 'nx', 'ny', 'nz', 'sigma', 'intensity', 'quality', 'systematic']
     assert list(table) == [*names, 'red', 'green', 'blue']
     assert table['quality'].max() == 1.0
     assert table['quality'][-1] == pytest.approx(np.median(box().sigma) / 8e-5)
@@ -141,6 +143,23 @@ def test_3mf_carries_its_unit(tmp_path, unit, factor):
         text = parts.read(model).decode()
     assert f'unit="{name}"' in text
     assert 'type="surface"' not in text
+
+
+def test_3mf_states_the_uncertainty(tmp_path):
+    made = replace(box(), systematic=np.full(len(box().vertices_xyz), 3e-6))
+    write_mesh(tmp_path / 'mesh.3mf', made)
+    with zipfile.ZipFile(tmp_path / 'mesh.3mf') as parts:
+        text = parts.read('3D/3dmodel.model').decode()
+    stored = re.search(r'uncertainty"[^>]*>(.*?)</metadata>', text)
+    stated = json.loads(html.unescape(stored[1]))
+    assert stated['systematic']['median'] == pytest.approx(3e-6)
+    known = made.sigma[np.isfinite(made.sigma)]
+    assert stated['sigma'] == {
+        'median': pytest.approx(np.median(known)),
+        'p95': pytest.approx(np.percentile(known, 95)),
+        'vertices': len(known),
+    }
+    assert sum(stated['faces'].values()) == len(made.faces)
 
 
 def test_open_mesh_is_a_surface_in_3mf(tmp_path):

@@ -1,5 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import fields
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +28,8 @@ def plane():
         to_camera=up,
         weight=np.full(800, 1e9),
         intensity=np.full(800, 50.0),
+        systematic=np.zeros(800),
+        noise_share=np.ones(800),
     )
 
 
@@ -59,8 +62,8 @@ def test_points_along_a_line_give_no_normal(plane):
 
 
 def test_without_samples_no_point_is_attached(plane):
-    none = SurfaceSamples(**{name: getattr(plane, name)[:0] for name in
-                      ('points_xyz', 'normals', 'to_camera', 'weight', 'intensity')})  # fmt: skip
+    names = [field.name for field in fields(plane) if field.name != 'orphans_xyz']
+    none = SurfaceSamples(**{name: getattr(plane, name)[:0] for name in names})
     orphans = replace(none, orphans_xyz=np.zeros((3, 3)))
     assert attach_orphan_points(orphans, np.zeros((2, 3)), SIGMA, VOXEL, RADIUS) is orphans
 

@@ -41,7 +41,7 @@ def connected(points):
 
 
 def bias(points, normals, sheet):
-    return thickness_bias(points, normals, connected(points), sheet)
+    return thickness_bias(points, normals, connected(points), sheet)[0]
 
 
 def test_bias_grows_with_curvature_and_the_square_of_the_thickness():
@@ -68,6 +68,27 @@ def test_edge_is_not_taken_for_curvature():
     bent[:, 30:] = [0.0, 1.0, 0.0]
     smooth = bias(points, normals, sheet)
     assert np.abs(bias(points, bent, sheet)).max() <= 1.1 * smooth.max()
+
+
+def test_curvature_that_is_too_coarse_to_correct_is_an_uncertainty():
+    """With 20 degrees between columns nothing tells a pin from a polygon."""
+    radius, columns = 0.004, 5
+    points, normals, sheet = shaft(radius)
+    fine, known = thickness_bias(points, normals, connected(points), sheet)
+    azimuth = np.radians(20.0) * (np.arange(columns) - columns // 2)
+    turned = np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], axis=1)
+    sparse = radius * turned + np.linspace(0, 0.01, 50)[:, None, None] * [0, 0, 1]
+    cut = SheetThickness(
+        to_camera=sheet.to_camera[:, :columns],
+        error_direction=sheet.error_direction[:, :columns],
+        thickness=sheet.thickness,
+    )
+    normals = np.broadcast_to(turned, sparse.shape)
+    found, u = thickness_bias(sparse, normals, connected(sparse), cut)
+    assert (found[:, 1:-1] == 0.0).all()
+    assert u[25, columns // 2] == pytest.approx(fine[25, 30], rel=0.1)
+    # where it is corrected, a part of the correction is uncertain
+    assert known[25, 30] == pytest.approx(0.4 * fine[25, 30])
 
 
 @pytest.mark.parametrize('laser', [0, 1])
