@@ -43,6 +43,7 @@ from ivfmc_ros.storage.matching.frame_matching import FrameMatch
 from ivfmc_ros.storage.matching.frame_matching import FrameMatcher
 from ivfmc_ros.storage.matching.image_loss import ImageLoss
 from ivfmc_ros.storage.matching.joint_history import joint_in_message
+from ivfmc_ros.storage.messages.rectified import require_raw_images
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 from ivfmc_ros.stripe.stream import FrameProfiles
@@ -276,6 +277,7 @@ class Triangulator(CellNode):
             if self._stream is None or self._stream.acquisition.cell is not cell:
                 self._finish_stream()
                 self._require_one_laser(cell)
+                require_raw_images(self._images.topic, cell.camera)
                 self._stream = StreamAcquisition(
                     self._new_acquisition(cell), on_progress=self._show_progress
                 )

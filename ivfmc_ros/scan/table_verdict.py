@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Code of a scan by the registrar's check for lost steps and disagreeing views."""
+"""Code of a scan by the registrar's checks: lost steps, views and lasers that disagree."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -21,10 +21,17 @@ class Markable(Protocol):
 
 
 def judge_table(outcome: Markable) -> None:
-    """Mark a scan whose views disagree with its code, and one that could not be checked."""
+    """
+    Mark a scan whose views disagree with its code, and one that could not be checked.
+
+    What the lasers advise (calibrate again, take more profiles) is said beside OK.
+    """
     table = outcome.registration.get('table') or {}
     code, detail = table.get('code', ''), table.get('detail', '')
     if code in _FAILURES:
         outcome.mark(code, detail)
     elif code == _UNCHECKED:
         outcome.mark('OK', f'{_UNCHECKED}: {detail}')
+    lasers = outcome.registration.get('lasers') or {}
+    if lasers.get('advice'):
+        outcome.mark('OK', lasers['advice'])

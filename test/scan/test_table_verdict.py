@@ -21,6 +21,15 @@ def test_scan_that_could_not_be_checked_says_so_beside_ok():
     assert judged(code='UNCHECKED', detail='one sweep') == ('OK', 'UNCHECKED: one sweep')
 
 
+def test_advice_of_the_lasers_is_said_beside_ok():
+    outcome = Outcome(registration={'table': {'code': 'OK'}, 'lasers': {'advice': 'calibrate'}})
+    judge_table(outcome)
+    assert (outcome.code, outcome.detail) == ('OK', 'calibrate')
+    outcome = Outcome(registration={'table': {'code': 'OK'}, 'lasers': None})
+    judge_table(outcome)
+    assert (outcome.code, outcome.detail) == ('OK', '')
+
+
 def test_scan_whose_views_agree_says_nothing():
     assert judged(code='OK', detail='the part is round') == ('OK', '')
     assert judged() == ('OK', '')

@@ -38,6 +38,7 @@ from ivfmc_ros.storage.messages.image_decoding import decode_compressed
 from ivfmc_ros.storage.messages.image_decoding import decode_image
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 from ivfmc_ros.storage.messages.profile_header import read_profile_header
+from ivfmc_ros.storage.messages.rectified import require_raw_images
 from ivfmc_ros.storage.messages.sensor_messages import COMPRESSED_IMAGE
 
 # Seconds by which stamps of images and joint states may differ: more than any delay of one clock.
@@ -155,6 +156,7 @@ def open_scan(
     salvage : accept a damaged bag
     :raises BagError: the bag is damaged, lacks a topic, or has no table angle at the stamp of an
         image
+    :raises CellError: the images are rectified, and the camera has the distortion of the raw ones
     """
     bag = open_bag(path, salvage=salvage)
     scan_topics = find_scan_topics(bag, topics)
@@ -178,9 +180,11 @@ def open_scan(
     matches = _match(matcher, stamps)
     if matching is None:
         matches = _as_recorded_profiles(matches, messages['profile'])
+    camera = camera or _camera(bag, scan_topics, messages)
+    require_raw_images(scan_topics.image.name, camera)
     return ScanBag(
         path=path,
-        camera=camera or _camera(bag, scan_topics, messages),
+        camera=camera,
         skipped=_count_skipped(matches, f'{path}: {scan_topics.image.name}'),
         damage=bag.damage,
         bag=bag,

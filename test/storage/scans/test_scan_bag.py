@@ -417,3 +417,18 @@ def test_second_image_of_a_stamp_is_left_out(tmp_path, camera, make_image):
     assert [frame.angle for frame in frames] == pytest.approx([0.0, 0.2, 0.4])
     for frame, index in zip(frames, (0, 2, 4), strict=True):
         np.testing.assert_array_equal(frame.image, make_image(index))
+
+
+def test_rectified_images_are_refused(write_mcap, camera, make_image):
+    stamps = [START + index * SECOND for index in range(3)]
+    joints = [sensor_messages.joint_state(s, {'turntable_joint': 0.1}, 0.0) for s in stamps]
+    pictures = [sensor_messages.image(s, make_image(0)) for s in stamps]
+    distorted = replace(camera, distortion=np.array([-0.2, 0.0, 0.0, 0.0, 0.0]))
+    path = write_mcap(
+        ('/cell/image_rect', 'sensor_msgs/msg/Image', pictures),
+        ('/joint_states', 'sensor_msgs/msg/JointState', joints),
+    )
+    with pytest.raises(CellError, match='image_rect: the images are rectified'):
+        open_scan(path, camera=distorted, topics={'image': '/cell/image_rect'})
+    pinhole = replace(camera, distortion=np.zeros(5))
+    assert open_scan(path, camera=pinhole, topics={'image': '/cell/image_rect'}).frame_count == 3
