@@ -100,8 +100,10 @@ class RenderedCell:
         self._profiles: list[Profile] = []
         self._clocks = ClockMonitor(lambda: self._now_s, lambda: self._wall_s('orchestrator'))
         self._matcher = FrameMatcher(LASERS, MatchSettings(exposure=_EXPOSURE_S))
-        self._link = SimpleNamespace(headers={}, info_stamps_ns=[])
-        self._checks = ScanChecks(self._link, plan, motion, CompletenessLimits())  # type: ignore[arg-type]
+        # nothing cuts the part
+        watch = SimpleNamespace(part_cut=lambda _: '')
+        self._link = SimpleNamespace(headers={}, info_stamps_ns=[], controller=watch)
+        self._checks = ScanChecks(self._link, plan, motion, CompletenessLimits(), '')  # type: ignore[arg-type]
         self.registered: worker_jobs.RegisteredViews | None = None
 
     # -- the messages

@@ -14,6 +14,7 @@ import importlib.machinery
 import mmap
 import os
 from pathlib import Path
+import re
 import struct
 import sys
 import time
@@ -25,8 +26,8 @@ _SHIFTED = 'rclpy.clock'
 def _node() -> str:
     """Return the name of the node that this process runs, '' for another program."""
     words = Path('/proc/self/cmdline').read_bytes().decode(errors='replace').split('\0')
-    names = [word for word in words if word.startswith('ivfmc_ros.nodes.')]
-    return names[0].rpartition('.')[2] if names else ''
+    names = [re.fullmatch(r'ivfmc_ros\.nodes\.([a-z]+)', word) for word in words]
+    return next((name[1] for name in names if name), '')
 
 
 def _opened(name: str) -> mmap.mmap:
