@@ -39,6 +39,11 @@ CODES = {
         '`cell.yaml` is damaged or does not fit the camera.',
         'Correct the file or calibrate again.',
     ),
+    'NOT_CHECKED': Code(
+        'The last acceptance test of the cell is missing, too old, failed or of another '
+        'calibration, and `check_policy` is `refuse`.',
+        'Run `ivfmc calibrate check` with a calibrated artifact, then start the scan again.',
+    ),
     'BAD_BAG': Code(
         'A bag is damaged or lacks a topic.', 'Use another bag, or map its topics with `--role`.'
     ),

@@ -58,9 +58,11 @@ def deviated(cell: Cell, deviation: Floats) -> Cell:
     :raises CellError: no cell has such parameters
     """
     count = 4 + len(cell.camera.distortion)
-    fx, fy, cx, cy = deviation[:4]
-    K = cell.camera.K + np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 0.0]])
-    camera = replace(cell.camera, K=K, distortion=cell.camera.distortion + deviation[4:count])
+    camera = cell.camera
+    if deviation[:count].any():
+        fx, fy, cx, cy = deviation[:4]
+        K = camera.K + np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 0.0]])
+        camera = replace(camera, K=K, distortion=camera.distortion + deviation[4:count])
     lasers = tuple(
         _deviated_laser(laser, deviation[count + 4 * index : count + 4 * index + 4])
         for index, laser in enumerate(cell.lasers)

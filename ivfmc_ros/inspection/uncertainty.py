@@ -15,11 +15,11 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
-from ivfmc_ros.cell.laser import LaserPlane
+from ivfmc_ros.cell.deviation import deviated
+from ivfmc_ros.cell.deviation import independent_deviations
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
@@ -90,16 +90,15 @@ def calibration_modes(cell: Cell, points_xyz: Floats, normals: Floats) -> Calibr
 
 def _erring_cells(cell: Cell) -> Iterator[tuple[str, Cell]]:
     """Yield what errs, and the cell with a small part of one independent error."""
-    joint = getattr(cell, 'covariance', None)
-    if joint is not None:
+    if cell.covariance is not None:
         # camera, laser planes and axis err together: their parts are not independent
-        for direction in joint.deviations():
-            yield 'calibration', _with_error(cell, _STEP * direction)
+        for source, direction in independent_deviations(cell.covariance):
+            yield source, deviated(cell, _STEP * direction)
         return
     zeros = [np.zeros(4 + len(cell.camera.distortion)), *([np.zeros(4)] * len(cell.lasers))]
     parts = [*zeros, np.zeros(6)]
     covariances = [
-        getattr(cell.camera, 'covariance', None),
+        cell.camera.covariance,
         *(laser.covariance for laser in cell.lasers),
         cell.turntable.covariance,
     ]
@@ -107,38 +106,7 @@ def _erring_cells(cell: Cell) -> Iterator[tuple[str, Cell]]:
     for place, (source, covariance) in enumerate(zip(sources, covariances, strict=True)):
         for direction in () if covariance is None else _principal_deviations(covariance):
             step = [*parts[:place], _STEP * direction, *parts[place + 1 :]]
-            yield source, _with_error(cell, np.concatenate(step))
-
-
-def _with_error(cell: Cell, step: Floats) -> Cell:
-    """
-    Return the cell with other parameters.
-
-    step : of the intrinsics (fx, fy, cx, cy, distortion), of normal and offset of each plane, and
-        of translation and rotation vector of the axis
-    """
-    camera, T = cell.camera, cell.turntable.camera_from_base
-    count = 4 + len(camera.distortion)
-    fx, fy, cx, cy = step[:4]
-    if step[:count].any():
-        K = camera.K + np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 0.0]])
-        camera = replace(camera, K=K, distortion=camera.distortion + step[4:count])
-    planes = np.split(step[count:-6], len(cell.lasers))
-    turn = Rotation.from_rotvec(step[-3:]).as_matrix()
-    moved = transforms.rigid(turn @ T[:3, :3], T[:3, 3] + step[-6:-3])
-    return replace(
-        cell,
-        camera=camera,
-        lasers=tuple(_moved(*pair) for pair in zip(cell.lasers, planes, strict=True)),
-        turntable=replace(cell.turntable, camera_from_base=moved),
-    )
-
-
-def _moved(laser: LaserPlane, step: Floats) -> LaserPlane:
-    """Return a laser plane with other normal and offset, without bow."""
-    normal = laser.normal + step[:3]
-    size = float(np.linalg.norm(normal))
-    return replace(laser, normal=normal / size, offset=(laser.offset + step[3]) / size, bow=None)
+            yield source, deviated(cell, np.concatenate(step))
 
 
 def _principal_deviations(covariance: Floats) -> Floats:

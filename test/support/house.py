@@ -18,6 +18,7 @@ ROWS = (
     'meshing',
     'calibration',
     'inspection',
+    'acceptance',
     'storage',
     'devices',
     'simulation',

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from ivfmc_ros.cli.calibrate.camera import camera
+from ivfmc_ros.cli.calibrate.check import check
 from ivfmc_ros.cli.calibrate.joint import calibrate_all
 from ivfmc_ros.cli.calibrate.laser import laser
 from ivfmc_ros.cli.calibrate.live import live
@@ -39,5 +40,5 @@ def calibrate() -> None:
     """
 
 
-for command in (calibrate_all, camera, laser, turntable, angles, nominal, noise, live):
+for command in (calibrate_all, camera, laser, turntable, angles, nominal, noise, live, check):
     calibrate.add_command(command)

@@ -14,6 +14,8 @@ from ivfmc_ros.errors import ScanError
 from ivfmc_ros.meshing.io.export import FORMATS
 from ivfmc_ros.meshing.io.export import UNITS
 from ivfmc_ros.nodes.framework.base import CellNode
+from ivfmc_ros.nodes.scanning.acceptance_check import declare_check_parameters
+from ivfmc_ros.nodes.scanning.acceptance_check import require_check
 from ivfmc_ros.scan import request as scan
 from ivfmc_ros.scan.completeness import CompletenessLimits
 from ivfmc_ros.scan.plan import MotionLimits
@@ -29,7 +31,12 @@ class ScanParameters:
         self._node = node
 
     def request(self) -> ScanRequest:
-        """Return the request of the next scan."""
+        """
+        Return the request of the next scan.
+
+        :raises HelperError: NOT_CHECKED: the last acceptance test of the cell does not allow it
+        """
+        require_check(self._node)
         return _request({field.name: self._node.get(field.name) for field in fields(ScanRequest)})
 
     def motion(self) -> MotionLimits:
@@ -51,6 +58,7 @@ def declare_scan_parameters(node: CellNode) -> ScanParameters:
     _declare_motion(node)
     _declare_completeness(node)
     _declare_cell(node)
+    declare_check_parameters(node)
     node.check(_require_request)
     node.check(
         lambda values: require_lasers({key: node.get(key) for key in ('cell', 'lasers')}, values)
