@@ -131,9 +131,12 @@ def figures(effects: Sequence[Effect]) -> Iterator[Number]:
     late = max((one.beam_off_s for one in others if math.isfinite(one.beam_off_s)), default=0.0)
     yield Number('beam off after another fault', late, 's', note='without a bar: no hazard')
     lost = sum(one.lost for one in effects)
-    yield Number('acknowledged profiles lost', lost, '', at_most(0), _names(effects, 'lost'))
-    wrong = sum(one.wrong for one in effects)
-    yield Number('OK and a wrong shape', wrong, '', at_most(0), _names(effects, 'wrong'))
+    note = '; '.join(f'{one.fault} ({one.stage})' for one in effects if one.lost)
+    yield Number('acknowledged profiles lost', lost, '', at_most(0), note)
+    for name, said, bar in (('without a word', False, at_most(0)), ('with a doubt', True, None)):
+        wrong = [one for one in effects if one.wrong and bool(one.detail) == said]
+        note = '; '.join(f'{one.fault} ({one.stage})' for one in wrong)
+        yield Number(f'OK {name} and a wrong shape', len(wrong), '', bar, note)
     bad = [one for one in effects if one.next_code != 'OK']
     note = '; '.join(f'{one.fault} ({one.stage}): {one.next_code}' for one in bad)
     yield Number('next scan not good', len(bad), '', at_most(0), note)
@@ -161,21 +164,17 @@ def _worst(name: str, effects: Sequence[Effect], value, limit: float) -> Number:
     return Number(name, max(seconds), 's', at_most(limit), note)
 
 
-def _names(effects: Sequence[Effect], what: str) -> str:
-    return '; '.join(f'{one.fault} ({one.stage})' for one in effects if getattr(one, what))
-
-
 def matrix_row(effect: Effect) -> list[str]:
     """Return a row of the table of faults."""
     what = effect.code or 'nothing was said'
-    if effect.detail and effect.noticed:
+    if effect.detail:
         what = f'{what}: {_short(effect.detail)}'
     if effect.wrong:
         what = f'{what}, with a WRONG shape'
     if effect.lost:
         what = f'{what}; {effect.lost} acknowledged profiles LOST'
     if effect.down:
-        what = f'{what}; the cell went down'
+        what = f'{what}; the cell was taken down'
     seconds = (_seconds(effect.detected_s), _seconds(effect.beam_off_s))
     return [effect.fault, effect.stage, *seconds, what, effect.next_scan]
 

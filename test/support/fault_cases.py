@@ -35,7 +35,6 @@ def process_cases() -> list[FaultCase]:
             stage=stage,
             cause=partial(FaultCell.signal, node=node, number=number),
             request=_HOMED if stage == 'homing' else SHORT,
-            remedy='the process was continued' if name == 'SIGSTOP' else '',
             hazard=node in _IN_CONTROL and stage in ('homing', 'scanning'),
         )
         for stage in STAGES
@@ -46,27 +45,21 @@ def process_cases() -> list[FaultCase]:
 
 def controller_cases() -> list[FaultCase]:
     """Alarm, reset, cable and silence of the motion controller, in mid-sweep and in homing."""
-    remedies = {
-        'alarm 1': 'clear_alarm',
-        'alarm 3': 'clear_alarm',
-        'reset': 'clear_alarm',
-        'unplug': 'plug',
-        'silence 8': 'clear_alarm',
-    }
-    cases = [_controller(text, 'scanning', remedy) for text, remedy in remedies.items()]
-    cases += [_controller(text, 'homing', remedies[text]) for text in ('reset', 'unplug')]
-    cases += [_controller(text, 'meshing', remedies[text]) for text in ('alarm 1', 'unplug')]
+    texts = ('alarm 1', 'alarm 3', 'reset', 'unplug', 'silence 8')
+    cases = [_controller(text, 'scanning') for text in texts]
+    cases += [_controller(text, 'homing') for text in ('reset', 'unplug')]
+    cases += [_controller(text, 'meshing') for text in ('alarm 1', 'unplug')]
     # the driver reads again what a damaged line said
-    return [*cases, _controller('noise', 'scanning', ''), _controller('drop 0.02', 'scanning', '')]
+    return [*cases, _controller('noise', 'scanning'), _controller('drop 0.02', 'scanning')]
 
 
-def _controller(text: str, stage: str, remedy: str) -> FaultCase:
+def _controller(text: str, stage: str) -> FaultCase:
     return FaultCase(
         name=f'controller: {text}',
         stage=stage,
         cause=partial(FaultCell.controller_fault, text=text),
         request=_HOMED if stage == 'homing' else SHORT,
-        remedy=remedy,
+        plug=text == 'unplug',
         hazard=stage == 'scanning',
     )
 
@@ -87,6 +80,7 @@ def measuring_cases() -> list[FaultCase]:
             name=f'camera without images for {seconds} s',
             stage='scanning',
             cause=partial(FaultCell.stall_camera, seconds=seconds),
+            request=FINE,
         )
         for seconds in (0.3, 1.6, 5.0)
     ]
@@ -95,6 +89,7 @@ def measuring_cases() -> list[FaultCase]:
             name=f'camera process stands for {seconds} s',
             stage='scanning',
             cause=partial(frozen, 'camera', seconds),
+            request=FINE,
         )
         for seconds in (0.5, 1.5)
     ]
@@ -103,6 +98,7 @@ def measuring_cases() -> list[FaultCase]:
             name=f'clock of {whose} set by {seconds:+g} s',
             stage='scanning',
             cause=partial(FaultCell.set_clock, seconds=seconds, whose=whose),
+            request=FINE if whose == 'all' else FINE_TWO,
         )
         for seconds, whose in (
             (3600.0, 'all'),
@@ -121,7 +117,6 @@ def request_cases() -> list[FaultCase]:
         'second orchestrator': ('scanning', second_orchestrator),
         'second start_scan': ('scanning', refused_start),
         'recorder/start while it records': ('scanning', refused_recording),
-        'second start_scan while finishing': ('finishing', refused_start),
         'turntable freezes for 1.3 s': ('scanning', partial(frozen, 'turntable', 1.3)),
     }
     return [

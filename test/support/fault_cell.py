@@ -9,6 +9,7 @@ import os
 from pathlib import Path
 import signal
 import struct
+import subprocess
 import time
 from typing import Any
 
@@ -196,7 +197,8 @@ class FaultCell:
         camera = 'publishing' in self.client.diagnostic('camera')
         table = self.client.diagnostic('turntable')
         known = all(self.client.diagnostic(node) for node in NODES)
-        return bool(self.client.states) and known and camera and 'position' in table
+        connected = 'position' in table and 'connecting' not in table
+        return bool(self.client.states) and known and camera and connected
 
     def end(self) -> None:
         """End the cell, and count what it leaves."""
@@ -205,7 +207,11 @@ class FaultCell:
             return
         if cell.up.poll() is None:
             self.resume_processes()
-            cell.end()
+            try:
+                cell.end(seconds=60.0)
+            except subprocess.TimeoutExpired:
+                self.orphans += 1
+                cell.up.kill()
         if not gone(cell, 20.0):
             left = cell.processes()
             self.orphans += len(left)
@@ -221,11 +227,12 @@ class FaultCell:
         """Send a signal to a node."""
         os.kill(self._pids[node], number)
 
-    def resume_processes(self) -> None:
-        """Continue the nodes that were stopped."""
-        for pid in self._pids.values():
-            if Path(f'/proc/{pid}').exists():
-                os.kill(pid, signal.SIGCONT)
+    def resume_processes(self) -> list[str]:
+        """Continue the nodes that are stopped; returns their names."""
+        stopped = [node for node, pid in self._pids.items() if _is_stopped(pid)]
+        for node in stopped:
+            os.kill(self._pids[node], signal.SIGCONT)
+        return stopped
 
     # -- faults of the simulated hardware, and of the clocks
 
@@ -242,6 +249,12 @@ class FaultCell:
             before = struct.unpack('d', stream.read(8))[0]
             stream.seek(0)
             stream.write(struct.pack('d', before + seconds))
+
+    def reset_clocks(self) -> None:
+        """Let all clocks agree again."""
+        for path in self._clocks.iterdir():
+            with path.open('r+b') as stream:
+                stream.write(struct.pack('d', 0.0))
 
     def stall_camera(self, seconds: float) -> None:
         """Let the camera take no image for a while: one long frame period."""
@@ -302,3 +315,10 @@ class FaultCell:
         records = to_structured_array(clouds[-1], 'cloud', names).ravel()[::_STRIDE]
         points = np.stack([records[name] for name in names[:3]], axis=1).astype(np.float64)
         return share_off(points, records['sigma'].astype(np.float64), demo_part())
+
+
+def _is_stopped(pid: int) -> bool:
+    try:
+        return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] == 'T'
+    except (OSError, IndexError):
+        return False

@@ -29,6 +29,8 @@ FINE_TWO: Mapping[str, Any] = {**FINE, 'lasers': ['left', 'right']}
 _WRONG_SHARE = 0.02
 # Seconds after the end of a scan in which the beam has to stay off.
 _AFTER_S = 0.6
+# clear_alarm is tried so often: a controller needs a moment after its port is back.
+_ATTEMPTS = 5
 # A table that turns in a sweep or in homing is faster than this, rad/s.
 _TURNS = 0.15
 # Profiles that are on disk before a fault in the middle of a scan.
@@ -45,7 +47,7 @@ class FaultCase:
     stage : of the scan: homing, scanning, registering, meshing, finishing or starting
     cause : causes it
     request : parameters of the scan
-    remedy : what a person does before the next scan: clear_alarm, plug, continue; '' for nothing
+    plug : the cable of the controller is plugged in again before the next scan
     hazard : the beam or the table is out of control from the fault on, so that the beam has to be
         off within a second of the fault; else within a second of its detection
     """
@@ -54,7 +56,7 @@ class FaultCase:
     stage: str
     cause: Callable[[FaultCell], object]
     request: Mapping[str, Any] = field(default_factory=lambda: SHORT)
-    remedy: str = ''
+    plug: bool = False
     hazard: bool = False
 
 
@@ -69,6 +71,7 @@ class Effect(NamedTuple):
     wrong : the scan says OK and its shape is off by more than its uncertainty
     next_code : of the next scan; 'OK' where it is good
     down : ``ivfmc up`` took the cell down
+    repairs : what was done before the next scan
     """
 
     fault: str
@@ -81,7 +84,7 @@ class Effect(NamedTuple):
     wrong: bool = False
     next_code: str = ''
     down: bool = False
-    remedy: str = ''
+    repairs: str = ''
     hazard: bool = False
 
     @property
@@ -94,8 +97,7 @@ class Effect(NamedTuple):
         """What the table says of the next scan."""
         if self.next_code != 'OK':
             return f'no: {self.next_code}'
-        done = [text for text in ('the cell was started again' * self.down, self.remedy) if text]
-        return 'good' + (f', after: {", ".join(done)}' if done else '')
+        return f'good, after: {self.repairs}' if self.repairs else 'good'
 
 
 class Baselines:
@@ -181,10 +183,14 @@ def run_case(cell: FaultCell, baselines: Baselines, case: FaultCase) -> Effect:
     begin_s = time.monotonic()
     case.cause(cell)
     effect = observe(cell, baselines, scan_id, case.request, start_s, begin_s)
-    effect = effect._replace(
-        fault=case.name, stage=case.stage, remedy=case.remedy, hazard=case.hazard
+    repairs = repair(cell, plug=case.plug)
+    return effect._replace(
+        fault=case.name,
+        stage=case.stage,
+        hazard=case.hazard,
+        repairs=', '.join(repairs),
+        next_code=next_code(cell, baselines),
     )
-    return effect._replace(next_code=next_code(cell, baselines, case.remedy))
 
 
 def observe(
@@ -216,17 +222,37 @@ def observe(
     )
 
 
-def next_code(cell: FaultCell, baselines: Baselines, remedy: str = '') -> str:
-    """Scan without a fault; returns 'OK' if the scan is good, else what is wrong with it."""
+def repair(cell: FaultCell, *, plug: bool) -> list[str]:
+    """Do what a person has to do before the next scan; returns what it was."""
+    client, done = cell.client, []
     if cell.running:
-        cell.resume_processes()
-        if remedy == 'plug':
+        done += [f'{node} was continued' for node in cell.resume_processes()]
+        if plug:
             cell.controller_fault('plug')
-        if remedy in ('plug', 'clear_alarm'):
-            success, answer = cell.client.trigger('turntable/clear_alarm')
-            if not success:
-                return f'clear_alarm: {answer["code"]}: {answer.get("detail", "")}'
+            done.append('the cable was plugged in')
+    else:
+        done.append('the cell was started again')
     cell.ensure()
+    cell.reset_clocks()
+    # diagnostics come once a second
+    client.wait(lambda: False, 1.2)
+    for _ in range(_ATTEMPTS):
+        if not _has_fault(client.diagnostic('turntable')):
+            break
+        client.ask('turntable/clear_alarm', 30.0)
+        done = [*done, 'clear_alarm'] if 'clear_alarm' not in done else done
+        client.wait(lambda: False, 1.2)
+    return done
+
+
+def _has_fault(diagnostic: str) -> bool:
+    """Whether the diagnostics of turntable have a code of the motion controller."""
+    values = dict(item.partition(': ')[::2] for item in diagnostic.split(' | '))
+    return bool(values.get('code', '').strip())
+
+
+def next_code(cell: FaultCell, baselines: Baselines) -> str:
+    """Scan without a fault; returns 'OK' if the scan is good, else what is wrong with it."""
     baselines.take(SHORT)
     scan_id = start(cell, SHORT)
     code = await_result(cell, scan_id)

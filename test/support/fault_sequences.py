@@ -25,6 +25,7 @@ from support.fault_effects import Baselines
 from support.fault_effects import next_code
 from support.fault_effects import observe
 from support.fault_effects import reach
+from support.fault_effects import repair
 from support.fault_effects import SHORT
 from support.fault_effects import start
 
@@ -122,7 +123,7 @@ def run_sequence(cell: FaultCell, baselines: Baselines, sequence: Sequence) -> O
     states = {values.get('stage') for _, values in cell.client.states[-1000:]}
     wrong = [
         'no result was published' * (not effect.code),
-        'OK and a wrong shape' * effect.wrong,
+        'OK without a word and a wrong shape' * (effect.wrong and not effect.detail),
         f'{effect.lost} acknowledged profiles are lost' * bool(effect.lost),
         'the beam is on' * (effect.beam_off_s == math.inf),
         *_unkept(answers, scan_id, effect.code, states),
@@ -130,14 +131,9 @@ def run_sequence(cell: FaultCell, baselines: Baselines, sequence: Sequence) -> O
     ]
     said = [f'scan: {effect.code}', *(f'second scan: {code}' for code in others)]
     said += [f'{name}: {code}' for name, _, code, _ in answers]
-    unplugged = 'cable pulled' in (sequence.first, sequence.second)
-    remedy = 'plug' if unplugged and cell.running else _remedy(cell)
-    return Outcome(
-        sequence,
-        '; '.join(filter(None, wrong)),
-        ', '.join(said),
-        next_code(cell, baselines, remedy),
-    )
+    repair(cell, plug='cable pulled' in (sequence.first, sequence.second))
+    code = next_code(cell, baselines)
+    return Outcome(sequence, '; '.join(filter(None, wrong)), ', '.join(said), code)
 
 
 def _happen(cell: FaultCell, event: str, answers: list[tuple[str, bool, str, str]]) -> None:
@@ -176,13 +172,3 @@ def _unkept(
     if 'pause' in kept and 'resume' not in kept and code == 'OK' and 'PAUSED' not in states:
         found.append('pause was answered OK, and the scan was never PAUSED')
     return found
-
-
-def _remedy(cell: FaultCell) -> str:
-    """Return clear_alarm where the motion controller has a fault."""
-    if not cell.running:
-        return ''
-    # diagnostics come once a second
-    cell.client.wait(lambda: False, 1.2)
-    text = cell.client.diagnostic('turntable')
-    return '' if 'code:  |' in text or text.endswith('code: ') else 'clear_alarm'
