@@ -102,7 +102,8 @@ class ControllerEmulator:
         ``drop P`` loses each byte to the computer with probability P; ``join P`` loses each
         byte of line ends so; ``silence S`` sends nothing for S seconds; ``reset`` restarts the
         controller, as after a brown-out;
-        ``alarm N`` raises an alarm; ``slip D`` turns the table by D degrees on the shaft;
+        ``alarm N`` raises an alarm; ``door`` opens the safety door of GRBL; ``slip D`` turns the
+        table by D degrees on the shaft;
         ``noise`` sends a line of random bytes, ``say TEXT`` a line, ``half`` the begin of one,
         ``long`` a line of 4000 characters; ``unplug`` removes the port and with it the supply of
         the controller, as with a USB cable: outputs off, position lost; ``plug`` ends that.
@@ -123,6 +124,7 @@ class ControllerEmulator:
             'join': lambda text, now: setattr(self, '_join', float(text)),
             'silence': lambda text, now: setattr(self, '_silent_until', now + float(text)),
             'reset': lambda text, now: self.machine.power_on(now),
+            'door': lambda text, now: self.machine.open_door(now),
             'alarm': lambda text, now: self.machine.alarm(int(text), now),
             'slip': lambda text, now: self.machine.axis.slip(float(text), now),
             'noise': lambda text, now: self._write(self._noise() + b'\n'),

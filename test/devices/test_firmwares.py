@@ -2,10 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Each firmware connects, moves, lights, stops, recovers and homes, against its emulator."""
 
-import math
-import time
-
 import pytest
+from support import controller_features as features
 from support.controllers import connected
 from support.controllers import emulated
 from support.controllers import FIRMWARES
@@ -15,19 +13,6 @@ from ivfmc_ros.devices.any_controller import AnyController
 from ivfmc_ros.errors import ControllerLostError
 from ivfmc_ros.errors import ControllerRefusedError
 
-# Half a step of the coarsest motor: 3200 steps a turn.
-HALF_STEP = math.pi / 3200
-GRBL_FAMILY = ('grbl', 'grbl-0.9', 'grblhal', 'fluidnc', 'horus')
-NAMES = {
-    'grbl': 'Grbl 1.1h',
-    'grbl-0.9': 'Grbl 0.9j',
-    'grblhal': 'grblHAL 1.1f',
-    'fluidnc': 'FluidNC 3.7',
-    'horus': 'Horus 0.2',
-    'marlin': 'Marlin 2.1.2.1',
-    'fabscan': 'FabScan 2.0.5',
-}
-
 
 @pytest.fixture(params=FIRMWARES)
 def rig(request, tmp_path):
@@ -36,73 +21,23 @@ def rig(request, tmp_path):
 
 
 def test_connects_moves_and_lights(rig):
-    state = rig.controller.poll()
-    assert (state.firmware, state.alarm, state.homed) == (NAMES[rig.firmware], None, False)
-    for target in (0.15, 0.05):
-        rig.go(target)
-        assert rig.controller.poll().moving
-        assert rig.arrive().position == pytest.approx(target, abs=2 * HALF_STEP)
-        assert rig.true_position() == pytest.approx(target, abs=HALF_STEP)
-    for laser, shining in (
-        ('left', (True, False)),
-        ('right', (False, True)),
-        (None, (False,) * 2),
-    ):
-        rig.controller.set_laser(laser)
-        rig.until(lambda shining=shining: rig.shining() == shining, 1.0)
-        lit = [name for name, on in rig.controller.poll().lasers.items() if on]
-        assert lit == ([laser] if laser else [])
+    features.connects(rig)
+    features.moves(rig)
+    features.lights(rig)
 
 
 def test_stops_in_a_move_and_goes_on_from_there(rig):
-    rig.controller.set_laser('left')
-    rig.until(lambda: rig.shining() == (True, False), 1.0)
-    rig.go(3.0, 0.8)
-    time.sleep(0.4)
-    rig.controller.stop()
-    state = rig.controller.poll()
-    assert (state.moving, state.alarm) == (False, None)
-    rig.until(lambda: rig.shining() == (False, False), 1.0)
-    assert 0.01 < state.position < 2.0
-    assert state.position == pytest.approx(rig.true_position(), abs=2 * HALF_STEP)
-    target = state.position + 0.05
-    rig.go(target)
-    rig.arrive()
-    assert rig.true_position() == pytest.approx(target, abs=2 * HALF_STEP)
+    features.stops(rig)
 
 
 @pytest.mark.parametrize('rig', ['grblhal', 'marlin', 'fabscan'], indirect=True)
 def test_recovers_from_a_silence(rig):
-    rig.emulator.fault('silence 4.5')
-    rig.until(lambda: rig.controller.poll().alarm is not None, 4.2)
-    assert rig.controller.poll().alarm == 'CONTROLLER_LOST'
-    time.sleep(2.0)
-    rig.controller.clear_alarm()
-    assert rig.controller.poll().alarm is None
-    before = rig.true_position()
-    rig.go(rig.controller.poll().position + 0.05)
-    rig.arrive()
-    assert rig.true_position() - before == pytest.approx(0.05, abs=2 * HALF_STEP)
+    features.recovers(rig)
 
 
-@pytest.mark.parametrize('firmware', ['grbl', 'grbl-0.9', 'grblhal', 'fluidnc', 'marlin'])
-def test_homes_where_it_can(firmware, tmp_path):
-    with emulated(firmware, tmp_path, homing=True) as emulator:
-        axis = getattr(emulator.machine, 'firmware', None)
-        index = axis.index if axis else 0
-        emulator.machine.settings.update({25: 36000.0, 110 + index: 36000.0, 120 + index: 3600.0})
-        controller = AnyController(settings_for(firmware, tmp_path / 'controller'))
-        controller.open()
-        assert not controller.poll().homed
-        controller.home()
-        assert (controller.poll().homed, controller.poll().alarm) == (True, None)
-        controller.close()
-
-
-@pytest.mark.parametrize('firmware', ['horus', 'fabscan'])
-def test_firmware_without_a_home_switch_says_so(firmware, tmp_path):
-    with connected(firmware, tmp_path) as rig, pytest.raises(ControllerRefusedError):
-        rig.controller.home()
+@pytest.mark.parametrize('firmware', FIRMWARES)
+def test_homes_or_says_that_it_cannot(firmware, tmp_path):
+    features.homes(firmware, tmp_path)
 
 
 @pytest.mark.parametrize('firmware', ['grblhal', 'fluidnc'])
@@ -111,7 +46,7 @@ def test_rotary_axis_is_taken_where_there_is_one(firmware, tmp_path):
         assert rig.emulator.machine.firmware.axis == 'A'
         rig.go(0.1)
         rig.arrive()
-        assert rig.true_position() == pytest.approx(0.1, abs=HALF_STEP)
+        assert rig.true_position() == pytest.approx(0.1, abs=features.HALF_STEP)
 
 
 def test_axis_that_the_controller_does_not_have_is_refused_with_those_it_has(tmp_path):
@@ -134,7 +69,7 @@ def test_port_that_does_not_reset_the_controller(firmware, tmp_path):
         controller = AnyController(settings_for(firmware, tmp_path / 'controller'))
         for _ in range(2):
             controller.open()
-            assert controller.poll().firmware == NAMES[firmware]
+            assert controller.poll().firmware == features.NAMES[firmware]
             controller.close()
 
 
@@ -170,7 +105,7 @@ def test_line_that_is_not_understood_is_counted_and_no_error(firmware, tmp_path)
         rig.go(0.05)
         state = rig.arrive()
         assert state.alarm is None
-        assert rig.true_position() == pytest.approx(0.05, abs=2 * HALF_STEP)
+        assert rig.true_position() == pytest.approx(0.05, abs=2 * features.HALF_STEP)
 
 
 def test_unknown_firmware_is_named(tmp_path, monkeypatch):

@@ -14,6 +14,7 @@ from ivfmc_ros.devices.motion.axis_units import AxisUnits
 from ivfmc_ros.devices.motion.position_estimator import PositionEstimator
 from ivfmc_ros.devices.motion.trajectory import Trajectory
 
+_EARLY_END = 0.5  # seconds by which a motion may end before its plan; clocks differ by 0.5 %
 _END_DELAY = 0.3  # seconds after its planned end until a motion counts as ended without response
 _POSITION_TOLERANCE = 0.05  # controller units from the target, eight steps of the bench table
 # A report contradicts the commanded motion if the plan does not pass its position within so many
@@ -111,9 +112,15 @@ class AxisTracker:
             self._estimator.begin(self._announced, now)
             self._announced, self._commanded_at = None, now
 
-    def end(self) -> bool:
-        """Note that the motion has ended at its target; return whether there was one."""
-        if self._estimator.standing:
+    def end(self, now: float) -> bool:
+        """
+        Note that the drain command was answered: the motion has ended at its target.
+
+        An answer that comes much too early is none: the reports tell when the motion ends.
+
+        :returns: whether there was a motion, and it has ended
+        """
+        if self._estimator.standing or not self._estimator.has_ended(now + _EARLY_END):
             return False
         self._expected, self._standstill_unknown = self._estimator.target, False
         self._set_standstill(self._estimator.target)

@@ -328,6 +328,7 @@ class GrblController:
         """Set the modes that a reset changed."""
         for command in self._monitor.dialect.modes:
             self._channel.send(command)
+        self._monitor.end_start()
 
     def _restore_modes_and_outputs(self) -> None:
         self._restore_modes()

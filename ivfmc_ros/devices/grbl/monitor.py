@@ -242,6 +242,11 @@ class GrblMonitor:
             self._started = False
             self._start_expected_until = time.monotonic() + _START_TIMEOUT
 
+    def end_start(self) -> None:
+        """Note that the controller has answered since its start: another banner is a restart."""
+        with self._changed:
+            self._start_expected_until = 0.0
+
     def assume_started(self) -> None:
         """Note that the controller runs, though it sends no banner after a reset."""
         with self._changed:
@@ -267,7 +272,7 @@ class GrblMonitor:
     def end_move(self) -> None:
         """Note that the motion has ended at its target."""
         with self._changed:
-            if self._axis.end():
+            if self._axis.end(time.monotonic()):
                 self._state = 'Idle'
             self._changed.notify_all()
 

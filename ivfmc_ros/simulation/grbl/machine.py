@@ -64,6 +64,7 @@ class GrblMachine:
         self.firmware = firmware
         self.banner = firmware.banner
         self.axis = EmulatedAxis(self.settings, on_motion, clock_scale, index=firmware.index)
+        self.door_open = False
         self._responses = 0
         self._dark_at = math.inf
         self._on_outputs = on_outputs
@@ -146,6 +147,8 @@ class GrblMachine:
     def _state(self) -> str:
         if self._locked:
             return 'Alarm'
+        if self.door_open:
+            return 'Door:0'
         if self.axis.state == 'Hold':
             return f'Hold:{int(not self.axis.held)}'
         return self.axis.state
@@ -158,6 +161,12 @@ class GrblMachine:
             ord('~'): self._resume,
             0x18: self._reset,
         }
+
+    def open_door(self, now: float) -> None:
+        """Open the safety door: the axis brakes, outputs go off, until a reset."""
+        self.door_open = True
+        self.axis.hold(now)
+        self._modal_state.switch_outputs({'spindle': 'M5', 'coolant': 'M9'})
 
     def _report_status(self, now: float) -> None:
         if self._needs_reset:
@@ -355,7 +364,7 @@ class GrblMachine:
         self._rx = bytearray()
         self._wait_condition = None
         self._dwell_until = math.inf
-        self._needs_reset = self._report_pending = False
+        self._needs_reset = self._report_pending = self.door_open = False
         self._modal_state = ModalState()
         self._formatter = ReportFormatter(self.firmware)
         self._dark_at = math.inf
