@@ -3,6 +3,7 @@
 """``ivfmc inspect``: compares a mesh with its CAD model and judges it by ISO 14253-1."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 import sys
 from typing import Any
@@ -118,7 +119,7 @@ _UNDECIDED = 4  # exit code
     default=0.0,
     show_default=True,
     metavar='RELATIVE',
-    help='1 sigma of the known length that gave the scale, as a share of it.',
+    help='1 sigma of the known length that gave the scale, as a share of it; 0: as --cell states.',
 )
 @click.option(
     '--temperature',
@@ -159,6 +160,7 @@ def inspect(
     settings = _settings(options)
     files.require_new_folder(output)
     cell = _cell(options['cell_path'], options['camera_path'])
+    settings = _with_scale(settings, cell)
     measured = read_mesh(mesh, options['unit'])
     wanted = read_mesh(nominal, options['nominal_unit'])
     units = options['unit'], options['nominal_unit']
@@ -211,6 +213,14 @@ def _settings(options: dict[str, Any]) -> InspectSettings:
             expansion=options['expansion'],
         ),
     )
+
+
+def _with_scale(settings: InspectSettings, cell: Cell | None) -> InspectSettings:
+    """Return the settings with the scale uncertainty that the cell states, if none is given."""
+    joint = None if cell is None else cell.covariance
+    if settings.conditions.scale_u or joint is None or not joint.scale_u:
+        return settings
+    return replace(settings, conditions=replace(settings.conditions, scale_u=joint.scale_u))
 
 
 def _cell(cell_path: Path | None, camera_path: Path | None) -> Cell | None:

@@ -17,6 +17,8 @@ from ivfmc_ros.inspection.verdict import judge
 from ivfmc_ros.inspection.verdict import NOT_MEASURED
 from ivfmc_ros.model import Floats
 
+# Half width of a uniform distribution in its standard deviations (GUM 4.3.7).
+_UNIFORM = float(np.sqrt(3.0))
 _FORMS = {'plane': 'flatness', 'cylinder': 'cylindricity', 'sphere': 'sphericity'}
 
 
@@ -49,19 +51,26 @@ def characteristics_of(
     fitted: FeatureFit,
     points_xyz: Floats,
     settings: InspectSettings,
+    facet_depth: float = 0.0,
 ) -> tuple[FeatureCharacteristic, ...]:
     """
     Return size, position and form of a feature.
 
     name : of the feature, for its tolerances
     points_xyz : (n, 3) meters, of the fit
+    facet_depth : meters, mean distance of the nominal's faces from its shape
     """
-    found = [*_size(name, nominal, fitted, settings), *_position(name, nominal, fitted, settings)]
+    sizes = _size(name, nominal, fitted, settings, facet_depth)
+    found = [*sizes, *_position(name, nominal, fitted, settings)]
     return (*found, _form(name, fitted, points_xyz, settings))
 
 
 def _size(
-    name: str, nominal: features.Feature, fitted: FeatureFit, settings: InspectSettings
+    name: str,
+    nominal: features.Feature,
+    fitted: FeatureFit,
+    settings: InspectSettings,
+    facet_depth: float,
 ) -> Iterator[FeatureCharacteristic]:
     if not np.isfinite(nominal.diameter):
         return
@@ -69,6 +78,10 @@ def _size(
     budget = _with_conditions(
         fitted.budget(lambda shape: shape.diameter), measured, settings.conditions
     )
+    if facet_depth > 0.0:
+        # the nominal is between the shape through its vertices and its faces
+        facets = {'nominal facets': 2.0 * facet_depth / _UNIFORM}
+        budget = Budget(components={**budget.components, **facets})
     tolerance = settings.tolerances.of(name, 'diameter')
     yield FeatureCharacteristic(
         name='diameter',

@@ -113,7 +113,7 @@ def measure_feature(
         feature=fitted.shape,
         axis_is_nominal=fixed,
         characteristics=characteristics_of(
-            region.name, shape, fitted, points, comparison.settings
+            region.name, shape, fitted, points, comparison.settings, region.facet_depth
         ),
     )
 

@@ -182,7 +182,7 @@ def _uncertainty(
 
 
 def _notes(mesh: MeshBody, settings: InspectSettings, comparison: Comparison) -> list[str]:
-    """Return why no uncertainty is known."""
+    """Return what is not known of the uncertainty."""
     if settings.vertex_u is not None:
         return []
     found = []
@@ -200,6 +200,11 @@ def _notes(mesh: MeshBody, settings: InspectSettings, comparison: Comparison) ->
         found.append(
             'cell: no covariance of the calibration is known: no verdict; name a cell with '
             'covariances, as ivfmc calibrate writes them'
+        )
+    elif not settings.conditions.scale_u:
+        found.append(
+            'scale: no uncertainty of the length that gave the scale is stated (scale_u); lengths '
+            'are judged as if it were exact'
         )
     return found
 

@@ -36,12 +36,15 @@ class SurfaceRegion:
     faces : (k,) indices of the nominal's triangles
     area : square meters
     shape : the shape through its vertices, or None for a free-form region
+    facet_depth : meters, mean distance of the faces from the shape: a round shape through the
+        vertices of flat faces is larger than these
     """
 
     name: str
     faces: Ints
     area: float
     shape: features.Feature | None
+    facet_depth: float = 0.0
 
 
 def segment_surface(vertices_xyz: Floats, faces: Ints) -> list[SurfaceRegion]:
@@ -61,10 +64,24 @@ def segment_surface(vertices_xyz: Floats, faces: Ints) -> list[SurfaceRegion]:
         number = 1 + sum(region.name.startswith(kind) for region in found)
         found.append(
             SurfaceRegion(
-                name=f'{kind} {number}', faces=chosen, area=float(total[component]), shape=shape
+                name=f'{kind} {number}',
+                faces=chosen,
+                area=float(total[component]),
+                shape=shape,
+                facet_depth=_facet_depth(shape, corners[chosen], area[chosen]),
             )
         )
     return found
+
+
+def _facet_depth(shape: features.Feature | None, corners: Floats, area: Floats) -> float:
+    """Return the mean distance of triangles (k, 3, 3) from the shape through their corners."""
+    if shape is None or shape.kind == 'plane':
+        return 0.0
+    # midpoints of the edges integrate a quadratic function over a triangle exactly
+    middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
+    depth = np.abs(features.residuals(shape, middles.reshape(-1, 3))).reshape(-1, 3).mean(axis=1)
+    return float(np.average(depth, weights=np.maximum(area, 1e-30)))
 
 
 def _smooth_components(vertices: Floats, faces: Ints) -> Ints:

@@ -24,6 +24,7 @@ from ivfmc_ros.inspection.settings import InspectSettings
 from ivfmc_ros.inspection.verdict import judge
 from ivfmc_ros.inspection.verdict import judge_surface
 from ivfmc_ros.meshing.io.export import write_solid
+from ivfmc_ros.simulation.parts.loading import Solid
 from ivfmc_ros.simulation.parts.solids import box
 from ivfmc_ros.simulation.parts.solids import sphere
 from ivfmc_ros.simulation.parts.solids import stepped_shaft
@@ -192,6 +193,25 @@ def test_faces_of_a_box_and_a_shaft_are_told_apart():
     ]
     shapes = [region.shape.kind for region in segment_surface(SHAFT.vertices_xyz, SHAFT.faces)]
     assert sorted(shapes) == ['cylinder', 'cylinder', 'plane', 'plane', 'plane']
+
+
+def test_coarse_facets_of_the_nominal_are_an_uncertainty_of_its_diameter():
+    """A polygon of 32 sides through a circle of 20 mm lies 0.032 mm inside of it in the mean."""
+    import trimesh
+
+    coarse = trimesh.creation.cylinder(radius=0.01, height=0.03, sections=32)
+    region = next(
+        r
+        for r in segment_surface(coarse.vertices, np.asarray(coarse.faces))
+        if r.shape.kind == 'cylinder'
+    )
+    sagitta = 0.01 * (1 - np.cos(np.pi / 32))
+    assert region.facet_depth == pytest.approx(2 / 3 * sagitta, rel=0.01)
+    solid = Solid(vertices_xyz=np.asarray(coarse.vertices), faces=np.asarray(coarse.faces))
+    found = inspect(subdivided(solid, 4), body(solid), settings_of(align='none'))
+    item = next(f for f in found.features if f.nominal.kind == 'cylinder').characteristics[0]
+    assert abs(item.deviation) == pytest.approx(4 / 3 * sagitta, rel=0.05)
+    assert abs(item.deviation) < item.budget.expanded
 
 
 def test_chamfer_is_no_sphere():

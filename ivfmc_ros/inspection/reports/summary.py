@@ -25,6 +25,7 @@ def document(inspection: Inspection, settings: InspectSettings) -> dict[str, Any
         'tolerance_m': settings.tolerance,
         'rule': f'ISO 14253-1, 95 %; U is the expanded uncertainty, k = {COVERAGE_FACTOR:g}',
         'verdict': verdict(inspection),
+        'coverage': inspection.whole.coverage,
         'uncertainty_of_calibration': inspection.calibrated,
         'alignment': {
             'method': inspection.alignment.method,
