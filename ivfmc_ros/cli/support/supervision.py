@@ -24,7 +24,7 @@ from ivfmc_ros.cli.support.processes import Processes
 from ivfmc_ros.cli.support.processes import Say
 from ivfmc_ros.cli.support.restarts import MOST
 from ivfmc_ros.cli.support.restarts import Restarts
-from ivfmc_ros.devices.grbl.emergency_reset import reset_controller
+from ivfmc_ros.devices.guard.emergency_reset import reset_controller
 from ivfmc_ros.errors import ControllerLostError
 from ivfmc_ros.errors import HelperError
 

@@ -1,9 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Resets a GRBL controller whose driver died: outputs off, motion stopped, within half a second.
+Resets a controller whose driver died: outputs off, motion stopped, within half a second.
 
-It needs nothing of the driver: no settings, no state. The position is lost where the table moved.
+It needs nothing of the driver: no settings, no state, not even the firmware: what the other
+firmwares take is sent after the reset of the GRBL family, which answers it by errors. The position
+is lost where the table moved.
 """
 
 import contextlib
@@ -11,7 +13,9 @@ import time
 
 import serial
 
+from ivfmc_ros.devices.fabscan.controller import FabscanController
 from ivfmc_ros.devices.grbl import protocol
+from ivfmc_ros.devices.marlin.controller import MarlinController
 from ivfmc_ros.errors import ControllerLostError
 
 # Seconds of attempts to open the port: the kernel frees that of a killed process late.
@@ -36,6 +40,8 @@ def reset_controller(port: str, baud: int) -> None:
             # twice: a byte may be lost
             for _ in range(2):
                 line.write(protocol.RESET)
+            for data, _ in (*MarlinController.OFF_STEPS, *FabscanController.OFF_STEPS):
+                line.write(data)
             line.flush()
         except OSError as error:
             raise ControllerLostError(f'port {port}: cannot be written: {error}') from error

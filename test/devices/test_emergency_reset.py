@@ -8,8 +8,11 @@ import sys
 import time
 
 import pytest
+from support.controllers import emulated
+from support.controllers import settings_for
 
-from ivfmc_ros.devices.grbl.emergency_reset import reset_controller
+from ivfmc_ros.devices.any_controller import AnyController
+from ivfmc_ros.devices.guard.emergency_reset import reset_controller
 from ivfmc_ros.errors import ControllerLostError
 
 DRIVER = (
@@ -49,7 +52,22 @@ def test_beam_and_table_stop_when_the_driver_is_killed(emulator, tmp_path):
         time.sleep(0.01)
 
 
+@pytest.mark.parametrize('firmware', ['horus', 'marlin', 'fabscan'])
+def test_lasers_of_other_firmwares_go_off(firmware, tmp_path):
+    with emulated(firmware, tmp_path, auto_reset=False) as emulator:
+        controller = AnyController(settings_for(firmware, tmp_path / 'controller'))
+        controller.open()
+        controller.set_laser('right')
+        controller._driver._line.close()
+        assert emulator.machine.present_outputs().coolant
+        reset_controller(str(tmp_path / 'controller'), 115200)
+        deadline = time.monotonic() + 1.0
+        while emulator.machine.present_outputs().coolant:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+
+
 def test_port_that_is_gone_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr('ivfmc_ros.devices.grbl.emergency_reset._OPEN_S', 0.1)
+    monkeypatch.setattr('ivfmc_ros.devices.guard.emergency_reset._OPEN_S', 0.1)
     with pytest.raises(ControllerLostError, match='cannot be opened'):
         reset_controller(str(tmp_path / 'none'), 115200)
