@@ -4,7 +4,7 @@
 Executable ``camera``: images of a camera device, each with its calibration.
 
 Publishes image_raw and camera_info with the stamp of the start of exposure. Backends: OpenCV
-(USB, network), a folder of image files, the simulated cell.
+(USB, network), Aravis (GenICam), a folder of image files, the simulated cell.
 """
 
 from collections.abc import Mapping
@@ -15,11 +15,14 @@ import numpy as np
 from rclpy.lifecycle import LifecycleState
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import Image
+from sensor_msgs.msg import RegionOfInterest
 from sensor_msgs.srv import SetCameraInfo
 
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.cell.camera_file import load_camera
 from ivfmc_ros.cell.camera_file import save_camera
+from ivfmc_ros.devices.cameras.aravis import AravisCamera
+from ivfmc_ros.devices.cameras.aravis import AravisSettings
 from ivfmc_ros.devices.cameras.capture import Capture
 from ivfmc_ros.devices.cameras.device import CameraDevice
 from ivfmc_ros.devices.cameras.device import CameraImage
@@ -31,13 +34,14 @@ from ivfmc_ros.errors import ScanError
 from ivfmc_ros.nodes.convert.images import to_image
 from ivfmc_ros.nodes.convert.stamps import header
 from ivfmc_ros.nodes.framework.base import run
+from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.nodes.framework.health import WAITING
 from ivfmc_ros.nodes.framework.json_response import describe
 from ivfmc_ros.nodes.framework.lifecycle import LifecycleCellNode
 from ivfmc_ros.storage.messages.camera_info import to_camera
 
 # The parameter that locates the camera, by backend.
-_LOCATIONS = {'simulated': 'simulation', 'opencv': 'device', 'folder': 'folder'}
+_LOCATIONS = {'simulated': 'simulation', 'opencv': 'device', 'folder': 'folder', 'aravis': ''}
 
 
 class CameraNode(LifecycleCellNode):
@@ -53,7 +57,7 @@ class CameraNode(LifecycleCellNode):
         self._mismatch = ''
         self._declare_parameters()
         self.check(_require_exposure)
-        self.fix_while_active('latency', 'width', 'height', 'mono', 'repeat')
+        self.fix_while_active('latency', 'width', 'height', 'mono', 'repeat', 'region')
         self.changed(self._apply)
         self._images = self.publish_on(Image, 'image_raw')
         self._infos = self.publish_on(CameraInfo, 'camera_info')
@@ -68,7 +72,13 @@ class CameraNode(LifecycleCellNode):
     def on_activate(self, state: LifecycleState) -> Any:
         """Open the camera in the background."""
         self._mismatch = ''
-        self._capture = Capture(self._device(), self._exposure(), self._publish)
+        self._capture = Capture(
+            self._device(),
+            self._exposure(),
+            self._publish,
+            # images of a folder may well be equal
+            watched=self.get('backend') != 'folder',
+        )
         self._not_opened = self._capture.fault
         self._capture.start()
         return super().on_activate(state)
@@ -91,7 +101,7 @@ class CameraNode(LifecycleCellNode):
             self.status('not active')
         else:
             activity = '' if capture.fault else 'publishing images'
-            self.status(activity, pictures=capture.image_count)
+            self.status(activity, pictures=capture.image_count, **capture.counts)
 
     def _report_device(self, capture: Capture | None) -> None:
         fault = '' if capture is None else capture.fault
@@ -105,18 +115,33 @@ class CameraNode(LifecycleCellNode):
             self.health.fault('camera', 'DEVICE', fault)
         else:
             self.health.clear_fault('camera')
+        warning = '' if capture is None else capture.warning
+        if warning:
+            self.health.fault('camera settings', 'not taken', warning, Level.WARN)
+        else:
+            self.health.clear_fault('camera settings')
 
     def _declare_parameters(self) -> None:
         declare = self.parameter
         backends = tuple(_LOCATIONS)
         declare('backend', 'opencv', 'Source of the images.', choices=backends, read_only=True)
         declare('simulation', '', 'simulated: folder of the live cell.', read_only=True)
-        device = 'opencv: number, path or URL of the camera.'
+        device = 'opencv: number, path or URL of the camera; aravis: its id, 0: the first one.'
         declare('device', '0', device, read_only=True, kind=int)
-        declare('latency', 0.0, 'opencv: seconds from exposure to delivery.', low=0.0, high=1.0)
+        latency = (
+            'Seconds from exposure to delivery (opencv), or to the stamp of the device (aravis).'
+        )
+        declare('latency', 0.0, latency, low=0.0, high=1.0)
         declare('width', 0, 'opencv: pixels to request; 0: unchanged.', low=0, high=20000)
         declare('height', 0, 'opencv: pixels to request; 0: unchanged.', low=0, high=20000)
         declare('mono', True, 'opencv: convert color images to mono.')
+        pixel_format = (
+            'opencv: four characters such as GREY, YUYV, MJPG to request; empty: unchanged.'
+        )
+        declare('pixel_format', '', pixel_format, read_only=True)
+        white_balance = 'opencv: kelvin to fix; 0: switch the automatic white balance off only.'
+        declare('white_balance', 0, white_balance, low=0, high=20000, read_only=True)
+        self._declare_aravis()
         declare('folder', '', 'folder: path of the folder of images.', read_only=True)
         declare('repeat', True, 'folder: start over after the last image.')
         declare('frame_rate', 15.0, 'Images per second.', low=0.1, high=1000.0)
@@ -125,11 +150,23 @@ class CameraNode(LifecycleCellNode):
         declare('camera_info', '', 'Calibration file; set_camera_info writes it.', read_only=True)
         declare('frame_id', 'camera_optical_frame', 'Frame of the images.', read_only=True)
 
+    def _declare_aravis(self) -> None:
+        region = 'aravis: x, y, width, height in pixels of the sensor; empty: all of it.'
+        self.parameter('region', [], region, kind=int)
+        binning = 'aravis: sensor pixels that make one pixel, in both directions.'
+        self.parameter('binning', 1, binning, low=1, high=8, read_only=True)
+        packet_size = 'aravis: bytes of a GigE packet; 0: the greatest that passes.'
+        self.parameter('packet_size', 0, packet_size, low=0, high=16000, read_only=True)
+        trigger = 'aravis: line that starts each exposure, such as Line1; empty: free-running.'
+        self.parameter('trigger', '', trigger, read_only=True)
+
     def _exposure(self) -> Exposure:
         return _exposure({name: self.get(name) for name in ('frame_rate', 'exposure', 'gain')})
 
     def _device(self) -> CameraDevice:
         backend = self.get('backend')
+        if backend == 'aravis':
+            return AravisCamera(self._aravis_settings(), self._exposure())
         location = str(self.get(_LOCATIONS[backend]))
         if not location:
             raise ParameterError(f'{_LOCATIONS[backend]}: is required by the backend {backend}')
@@ -148,6 +185,29 @@ class CameraNode(LifecycleCellNode):
             size=size if all(size) else None,
             latency=self.get('latency'),
             mono=self.get('mono'),
+            pixel_format=self.get('pixel_format'),
+            white_balance=self.get('white_balance'),
+        )
+
+    def _region(self, divisor: int) -> tuple[int, int, int, int]:
+        x, y, width, height = (int(value) // divisor for value in self.get('region'))
+        return x, y, width, height
+
+    def _aravis_settings(self) -> AravisSettings:
+        region = [int(value) for value in self.get('region')]
+        if len(region) not in (0, 4):
+            raise ParameterError(f'region: {region}: needs x, y, width, height, or nothing')
+        device = str(self.get('device'))
+        return AravisSettings(
+            # 0, the default, is the first camera for OpenCV as well
+            device='' if device == '0' else device,
+            pixel_format=self.get('pixel_format') or AravisSettings.pixel_format,
+            # the camera counts pixels after binning
+            region=self._region(self.get('binning')) if region else None,
+            binning=self.get('binning'),
+            packet_size=self.get('packet_size'),
+            trigger=self.get('trigger'),
+            latency=self.get('latency'),
         )
 
     def _apply(self, names: set[str]) -> None:
@@ -161,7 +221,8 @@ class CameraNode(LifecycleCellNode):
             self._images.publish(to_image(picture.image, picture.stamp_ns, frame_id))
         height, width = picture.image.shape[:2]
         calibration = self._calibration
-        if calibration is not None:
+        region = self._region(1) if self.get('region') else None
+        if calibration is not None and region is None:
             try:
                 calibration.require_image_size(picture.image.shape, 'camera_info')
             except ScanError as error:
@@ -170,6 +231,8 @@ class CameraNode(LifecycleCellNode):
                 return
         self._mismatch = ''
         info = camera_info(calibration, width, height)
+        if calibration is not None and region is not None:
+            info = with_region(info, calibration, region, self.get('binning'))
         info.header = header(picture.stamp_ns, frame_id)
         self._infos.publish(info)
 
@@ -204,6 +267,17 @@ def camera_info(camera: Camera | None, width: int, height: int) -> CameraInfo:
         r=np.eye(3).ravel().tolist(),
         p=projection.ravel().tolist(),
     )
+
+
+def with_region(
+    info: CameraInfo, sensor: Camera, region: tuple[int, int, int, int], binning: int
+) -> CameraInfo:
+    """Return the camera_info of a part of the sensor, whose calibration is that of the whole."""
+    x, y, width, height = region
+    info.width, info.height = sensor.width, sensor.height
+    info.binning_x = info.binning_y = binning
+    info.roi = RegionOfInterest(x_offset=x, y_offset=y, width=width, height=height)
+    return info
 
 
 def _require_exposure(values: Mapping[str, Any]) -> None:

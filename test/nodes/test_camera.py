@@ -129,3 +129,18 @@ def test_missing_folder_is_reported(client, tmp_path):
 def test_backend_without_its_location_is_reported(client):
     with running('camera', backend='simulated'):
         client.until(lambda: 'simulation: is required' in client.diagnostic('camera'))
+
+
+def test_region_of_the_sensor_is_in_camera_info():
+    from ivfmc_ros.cell.camera import Camera
+    from ivfmc_ros.nodes.camera import camera_info
+    from ivfmc_ros.nodes.camera import with_region
+    from ivfmc_ros.storage.messages.camera_info import to_camera
+
+    K = np.array([[1000.0, 0.0, 640.0], [0.0, 1000.0, 512.0], [0.0, 0.0, 1.0]])
+    sensor = Camera(width=1280, height=1024, K=K, distortion=np.zeros(5))
+    info = with_region(camera_info(sensor, 320, 256), sensor, (320, 256, 640, 512), 2)
+    seen = to_camera(info, 'test')
+    assert (seen.width, seen.height) == (320, 256)
+    # the principal point is in the middle of the region
+    assert seen.K[0, 2] == pytest.approx((640 - 320) / 2, abs=0.5)

@@ -3,16 +3,19 @@
 """Thread that grabs images from a camera and opens the camera again when it is lost."""
 
 from collections.abc import Callable
+from collections.abc import Mapping
 import threading
+import time
 
 from ivfmc_ros.devices.cameras.device import CameraDevice
 from ivfmc_ros.devices.cameras.device import CameraImage
 from ivfmc_ros.devices.cameras.device import Exposure
+from ivfmc_ros.devices.cameras.frame_watch import FrameWatch
 from ivfmc_ros.errors import DeviceError
 
 _RETRY_PERIOD = 1.0  # seconds between attempts to open the camera
 _GRAB_TIMEOUT = 0.2  # seconds; also the longest time that stop() waits for the thread
-_LOST_AFTER = 3.0  # seconds without an image, beyond the frame period, until a fault is reported
+_LOST_AFTER = 1.5  # seconds without an image, beyond the frame period, until a fault is reported
 
 
 class Capture:
@@ -24,9 +27,20 @@ class Capture:
     """
 
     def __init__(
-        self, camera: CameraDevice, exposure: Exposure, deliver: Callable[[CameraImage], None]
+        self,
+        camera: CameraDevice,
+        exposure: Exposure,
+        deliver: Callable[[CameraImage], None],
+        *,
+        watched: bool = True,
     ) -> None:
+        """
+        Make a capture that does not run.
+
+        watched : whether equal images are a frozen camera; files may well be equal
+        """
         self._camera, self._exposure, self._deliver = camera, exposure, deliver
+        self._watch = FrameWatch() if watched else None
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
         self.fault = 'the camera is not open yet'
@@ -44,6 +58,16 @@ class Capture:
         thread, self._thread = self._thread, None
         if thread is not None:
             thread.join()
+
+    @property
+    def warning(self) -> str:
+        """Which settings the camera did not take, '' if it took all."""
+        return self._camera.warning
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Images that were repeated, frozen, late or missing."""
+        return {} if self._watch is None else dict(self._watch.counts)
 
     def set_exposure(self, exposure: Exposure) -> None:
         """Apply exposure, gain and frame rate to the following images."""
@@ -63,14 +87,16 @@ class Capture:
                 self._camera.close()
 
     def _grab_loop(self) -> None:
-        seconds_without_image = 0.0
+        watch, last = self._watch, time.monotonic()
+        if watch is not None:
+            watch.restart()
         while not self._closing.is_set():
             image = self._camera.grab(_GRAB_TIMEOUT)
-            if image is None:
-                seconds_without_image += _GRAB_TIMEOUT
-                if seconds_without_image > _LOST_AFTER + 1 / self._exposure.frame_rate:
+            now, period = time.monotonic(), 1 / self._exposure.frame_rate
+            if image is None or not (watch is None or watch.accepts(image, period, now)):
+                if now - last > _LOST_AFTER + period:
                     self.fault = 'the camera delivers no images'
                 continue
-            seconds_without_image, self.fault = 0.0, ''
+            last, self.fault = now, '' if watch is None else watch.fault
             self.image_count += 1
             self._deliver(image)

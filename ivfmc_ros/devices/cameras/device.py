@@ -51,7 +51,14 @@ class Exposure:
 
 
 class CameraDevice(Protocol):
-    """A free-running camera. One thread opens it, grabs and closes it."""
+    """
+    A free-running camera. One thread opens it, grabs and closes it.
+
+    warning : which settings the camera did not take, '' if it took all; measuring with automatic
+        exposure, gain or white balance is guessing
+    """
+
+    warning: str
 
     def open(self) -> None:
         """

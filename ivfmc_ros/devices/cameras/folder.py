@@ -23,6 +23,7 @@ class FolderCamera:
     def __init__(self, folder: Path, exposure: Exposure, *, repeat: bool = True) -> None:
         self._folder, self._exposure, self._repeat = folder, exposure, repeat
         self._timer = FrameTimer()
+        self.warning = ''
         self._files: list[Path] = []
         self._delivered = 0
 

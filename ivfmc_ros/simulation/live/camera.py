@@ -37,6 +37,7 @@ class SimulatedCamera:
     def __init__(self, folder: Path, exposure: Exposure) -> None:
         self._folder, self._exposure = folder, exposure
         self._timer = FrameTimer()
+        self.warning = ''
         self._truth: TruthReader | None = None
         self._scene: LiveScene | None = None
 

@@ -1,0 +1,102 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""GenICam cameras, against the fake camera that Aravis has inside."""
+
+import sys
+import time
+
+import pytest
+
+from ivfmc_ros.devices.cameras.aravis import AravisCamera
+from ivfmc_ros.devices.cameras.aravis import AravisSettings
+from ivfmc_ros.devices.cameras.aravis import load_aravis
+from ivfmc_ros.devices.cameras.device import Exposure
+from ivfmc_ros.errors import CameraLostError
+from ivfmc_ros.errors import ParameterError
+
+# Where Debian has gi, which a virtual environment does not see by itself.
+SYSTEM = '/usr/lib/python3/dist-packages'
+
+
+@pytest.fixture(scope='module')
+def aravis():
+    sys.path.append(SYSTEM)
+    try:
+        library = load_aravis()
+    except CameraLostError as error:
+        pytest.skip(str(error))
+    finally:
+        sys.path.remove(SYSTEM)
+    library.enable_interface('Fake')
+    return library
+
+
+@pytest.fixture
+def camera(aravis):
+    opened = []
+
+    def make(exposure=Exposure(frame_rate=25.0), **settings):  # noqa: B008, frozen
+        camera = AravisCamera(AravisSettings(device='Fake_1', **settings), exposure)
+        camera.open()
+        opened.append(camera)
+        return camera
+
+    yield make
+    for camera in opened:
+        camera.close()
+
+
+def grab(camera):
+    for _ in range(20):
+        if (picture := camera.grab(0.5)) is not None:
+            return picture
+    pytest.fail('no picture')
+
+
+def test_images_have_region_rate_and_stamps_of_ros_time(camera):
+    device = camera(region=(0, 0, 256, 128))
+    pictures = [grab(device) for _ in range(6)]
+    assert {picture.image.shape for picture in pictures} == {(128, 256)}
+    stamps = [picture.stamp_ns for picture in pictures]
+    assert stamps == sorted(stamps)
+    assert abs(time.time_ns() - stamps[-1]) < 1e9
+    assert 0.1 < (stamps[-1] - stamps[0]) * 1e-9 < 2.0
+
+
+def test_settings_are_read_back(camera):
+    device = camera(exposure=Exposure(frame_rate=20.0, seconds=0.002, gain=2.0))
+    assert 'exposure 2000' not in device.warning
+    device.set_exposure(Exposure(frame_rate=20.0, seconds=0.004))
+    grab(device)
+    assert device._camera.get_exposure_time() == pytest.approx(4000.0)
+
+
+def test_region_that_the_camera_does_not_take_is_an_error(camera, aravis, monkeypatch):
+    monkeypatch.setattr(aravis.Camera, 'get_region', lambda self: (0, 0, 640, 128))
+    with pytest.raises(CameraLostError, match='region'):
+        camera(region=(0, 0, 639, 128))
+
+
+def test_another_serial_number_is_refused(camera):
+    device = camera()
+    device.close()
+    device._serial = 'another'
+    with pytest.raises(CameraLostError, match='it was another'):
+        device.open()
+
+
+def test_missing_camera_is_refused(aravis):
+    camera = AravisCamera(AravisSettings(device='None_1'), Exposure())
+    with pytest.raises(CameraLostError, match='cannot be opened'):
+        camera.open()
+
+
+def test_unknown_pixel_format_is_refused():
+    with pytest.raises(ParameterError, match='Mono8'):
+        AravisSettings(pixel_format='BayerRG8')
+
+
+def test_missing_library_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'gi', None)
+    with pytest.raises(CameraLostError, match=r'gir1\.2-aravis-0\.8'):
+        load_aravis()
