@@ -105,18 +105,22 @@ def kills() -> Iterator[Number]:
 def fuzzing() -> Iterator[Number]:
     """Lines that raised, hung, or passed for an ok."""
     for name, check in CHECKS.items():
-        checked = 0
-
-        @fuzz_settings(FUZZ_LINES)
-        @given(lines())
-        def run_lines(texts: list[str], check: Callable[[str], None] = check) -> None:
-            nonlocal checked
-            check_all(check, texts)
-            checked += len(texts)
-
-        failed = _failure(name, run_lines)
+        checked: list[int] = []
+        failed = _failure(name, _fuzzing_of(check, checked))
         note = failed[0] if failed else 'no exception, no hang, no false ok'
-        yield Number(f'fuzzing of {name}: lines', checked, '', at_least(FUZZ_LINES), note)
+        yield Number(f'fuzzing of {name}: lines', sum(checked), '', at_least(FUZZ_LINES), note)
+
+
+def _fuzzing_of(check: Callable[[str], None], checked: list[int]) -> Callable[[], None]:
+    """Return a function that checks random lines, and notes how many passed."""
+
+    @fuzz_settings(FUZZ_LINES)
+    @given(lines())
+    def run_lines(texts: list[str]) -> None:
+        check_all(check, texts)
+        checked.append(len(texts))
+
+    return run_lines
 
 
 def many_moves() -> Iterator[Number]:
