@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether surfaces that were measured twice fit at all, within noise and stated calibration."""
+"""Whether surfaces that two lasers measured fit at all, within noise and stated calibration."""
 
 import math
 
@@ -15,7 +15,7 @@ from ivfmc_ros.registration.sections import Sections
 _TOLERANCE = 1.2e-4
 # Those of a poorer one fit within so many of its standard deviations.
 _CALIBRATION_SIGMAS = 3.0
-# Of the surfels on sides that were measured twice, so many must fit. Chosen on a box, a tube and a
+# Of the surfels on sides that two lasers measured, so many must fit. Chosen on a box, a tube and a
 # wall of 2 mm, 80 profiles a turn: 0.76 with errors of the cell of up to 0.1 mm and 0.05 degrees,
 # 0.05 at the wrong sense of rotation or with 0.3 mm and 0.15 degrees.
 _MIN_SHARE, _MIN_SURFELS = 0.3, 50
@@ -33,19 +33,21 @@ def stated_rms(cell: Cell | None) -> float:
 
 def find_disagreement(sections: Sections, calibration_rms: float) -> str:
     """
-    Return that the sides that were measured twice do not fit; '' if they do.
+    Return that the sides that two lasers measured do not fit; '' if they do.
+
+    One laser measures a side once a turn: what it sees nearby at another time is another side.
 
     calibration_rms : meters, as the cell states it
     """
     tolerance = max(_TOLERANCE, _CALIBRATION_SIGMAS * calibration_rms)
-    now = compare_at(sections, np.zeros(1), tolerance)
+    now = compare_at(sections, np.zeros(1), tolerance, lasers=True)
     sides = np.abs(sections.surfels.normals[:, 2]) < _MAX_SIDE_COSINE
     met = sides & (now.other[:, 0] >= 0)
     share = float(np.mean(now.fit[met, 0] > 0)) if met.any() else 1.0
     if np.count_nonzero(met) < _MIN_SURFELS or share >= _MIN_SHARE:
         return ''
     return (
-        f'only {share:.0%} of the surface that was measured twice fits within '
+        f'only {share:.0%} of the surface that two lasers measured fits within '
         f'{tolerance * 1e3:.2f} mm: the calibration of lasers or axis, the sense of rotation '
         'or the steps per turn are wrong'
     )

@@ -23,8 +23,13 @@ from ivfmc_ros.registration.solver.correspondences import search_window
 from ivfmc_ros.registration.solver.surfels import concatenate_surfels
 
 _TURN = 2.0 * math.pi
-# Sections whose table angles differ by less, radians, from whole turns measured one place.
-_SAME_ANGLE = math.radians(15.0)
+# Both measurements have the same errors of cell and table: a difference is a slip above this size,
+# radians, and this number of standard deviations. In different sweeps the backlash of a table that
+# turned back may be in it.
+_MIN_SLIP, _MIN_SLIP_OF_VIEWS, _SIGMAS = math.radians(0.1), math.radians(0.25), 6.0
+# Sections whose table angles differ by less, radians, from whole turns measured one place: half
+# the width of a section.
+_SAME_ANGLE = math.radians(8.0)
 # Greatest distance of two surfels along the normal, meters: a slip of 3 degrees on a radius of
 # 30 mm. Larger slips are found by the search over rotations.
 _MAX_DISTANCE = 1.5e-3
@@ -53,6 +58,21 @@ class Closure:
     after: Section
     size: float
     sigma: float
+
+    @property
+    def is_slip(self) -> bool:
+        """Whether the size is that of a slip: above the least one, and significant."""
+        return abs(self.size) > max(self._least, _SIGMAS * self.sigma)
+
+    @property
+    def is_informative(self) -> bool:
+        """Whether the least slip would be significant."""
+        return _SIGMAS * self.sigma < self._least
+
+    @property
+    def _least(self) -> float:
+        is_same = self.before.view == self.after.view
+        return _MIN_SLIP if is_same else _MIN_SLIP_OF_VIEWS
 
 
 def find_closures(sections: Sections) -> list[Closure]:

@@ -114,6 +114,11 @@ class Sections:
             [item.view != here.view or _gap(item, here) >= _APART for item in self.items]
         )
 
+    def of_other_lasers(self, index: int) -> Bools:
+        """Return (sections,) which ones another laser than that of this one measured."""
+        own = self.lasers[self.items[index].view]
+        return np.array([self.lasers[item.view] != own for item in self.items])
+
     def repeated(self, view: int) -> Ints:
         """Return the sections of a view that lie a whole turn or more after its beginning."""
         own = [(k, item) for k, item in enumerate(self.items) if item.view == view]
@@ -184,7 +189,13 @@ def _surfels(view: View, core: Bools, low: float, high: float, spacing: float) -
 
 
 def compare_at(
-    sections: Sections, rotations: Floats, tolerance: float, stride: int = 1, own: bool = False
+    sections: Sections,
+    rotations: Floats,
+    tolerance: float,
+    stride: int = 1,
+    *,
+    own: bool = False,
+    lasers: bool = False,
 ) -> RotationFit:
     """
     Compare surfels, rotated about the axis, with the sections of other times.
@@ -193,6 +204,7 @@ def compare_at(
     tolerance : meters, of the distance along the normal
     stride : use every stride-th surfel
     own : compare with all sections, its own ones too
+    lasers : compare with those of other lasers only
     """
     surfels, spacing = sections.surfels, sections.spacing
     rows = np.arange(0, len(surfels), stride)
@@ -206,7 +218,8 @@ def compare_at(
     R = transforms.rotation_z(np.asarray(rotations))
     for index in range(len(sections.items)):
         mine = np.flatnonzero(owners == index)
-        targets = np.flatnonzero((sections.others(index) | own)[sections.own])
+        chosen = sections.of_other_lasers(index) if lasers else sections.others(index) | own
+        targets = np.flatnonzero(chosen[sections.own])
         if not len(mine) or not len(targets):
             continue
         points = np.einsum('dij,nj->ndi', R, surfels.points_xyz[rows[mine]])

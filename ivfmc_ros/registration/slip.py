@@ -49,6 +49,8 @@ _FINE_RANGE, _FINE_MARGIN = math.radians(1.5), math.radians(1.0)
 # one laser off by 0.03 to 0.1 mm and 0.01 to 0.05 degrees look like 0.3 to 18 degrees and leave
 # 0.55 and more, 0.84 above a degree.
 _MAX_LEFT, _MAX_LEFT_OF_SMALL, _SMALL_SLIP = 0.65, 0.45, math.radians(0.95)
+# A rotation that leaves more is chance, and no doubt: good scans of one laser leave 0.96.
+_MAX_LEFT_OF_DOUBT = 0.9
 # A slip that moves the surface by less, meters rms, or by less than the stated error of the
 # calibration, cannot be told from one: 0.03 mm look like 0.3 degrees on a tube 6 mm off the axis.
 _MIN_SHIFT = 4e-5
@@ -60,17 +62,14 @@ _MIN_GAIN, _MIN_GAIN_SHARE, _MAX_GAIN_SHARE = 12.0, 0.06, 0.012
 _MIN_ARM = 1e-3
 # A smaller slip is within the periodic error of a table and the error of a calibration, radians.
 _MIN_SLIP = math.radians(0.25)
-# Where one laser measured one place at one angle twice, these errors are equal: a difference is a
-# slip above this size, radians, and this number of standard deviations. In different sweeps the
-# backlash of a table that turned back may be in it.
-_MIN_CLOSURE_SLIP, _CLOSURE_SIGMAS = math.radians(0.1), 6.0
 # A boundary is checked if a slip of this size, radians, would part so many surfels.
 _TEST_SLIP, _MIN_LOSS = math.radians(1.0), 10.0
 # Profiles farther apart, radians, give surfels whose error looks like a slip: the demo part with
 # 40 profiles a turn.
 _MAX_STEP = math.radians(5.0)
-# A scan of which a slip at a larger share of the boundaries would not show is unchecked.
-_MAX_UNCHECKED = 0.5
+# A scan of which a slip at a larger share of the boundaries would not show is unchecked: with
+# several lasers, and with one, which sees little but top faces twice (the wall of 2 mm).
+_MAX_UNCHECKED, _MAX_UNCHECKED_OF_ONE = 0.5, 0.1
 # A part is round if a rotation by this angle, radians, parts a smaller share of its surfels.
 _ROUND_TEST, _ROUND_SHARE = math.radians(3.0), 0.01
 # Of the surfels that were measured a whole turn later again, so many must fit.
@@ -189,16 +188,19 @@ class _Check:
         row, size, gain = self._best()
         is_significant = gain >= self._least_gain(row) and abs(size) >= _MIN_SLIP
         is_large = self._shift(row, size) >= max(_MIN_SHIFT, self._calibration_rms)
-        if is_significant and is_large and self._left(row, gain) <= _max_left(size):
+        left = self._left(row, gain)
+        if is_significant and is_large and left <= _max_left(size):
             return self._slipped(found, size, self._between(size, gain))
         closures = find_closures(self._sections)
         lost = self._failed_closure()
         if lost is not None:
             return self._slipped(found, float('nan'), lost)
         for closure in closures:
-            if _has_slipped(closure):
+            if closure.is_slip:
                 return self._slipped(found, closure.size, (closure.before, closure.after))
-        code, detail = self._doubt(size if is_significant else 0.0, closures)
+        is_doubtful = is_significant and left <= _MAX_LEFT_OF_DOUBT
+        is_refuted = not self._hidden_from(closures)[row]
+        code, detail = self._doubt(size if is_doubtful and not is_refuted else 0.0, closures)
         return replace(found, code=code, detail=detail)
 
     def _judge_round(self, found: TableCheck) -> TableCheck:
@@ -228,7 +230,8 @@ class _Check:
                 f'{math.degrees(size):+.2f} degrees explains a part of it, an error of the '
                 'calibration as well; check the laser planes and the axis'
             )
-        if self._unchecked(closures) > _MAX_UNCHECKED:
+        is_one = len(set(self._sections.lasers)) == 1
+        if self._unchecked(closures) > (_MAX_UNCHECKED_OF_ONE if is_one else _MAX_UNCHECKED):
             return 'UNCHECKED', (
                 'lost steps of the table would not show: no surface that shows a rotation was '
                 'measured at two times; use two lasers, or a sweep of more than a turn (closure)'
@@ -319,12 +322,17 @@ class _Check:
     def _unchecked(self, closures: Sequence[Closure]) -> float:
         """Return the share of the boundaries at which a slip would not show."""
         losses = -self._gains(np.array([-_TEST_SLIP, _TEST_SLIP]), _FINE_TOLERANCE).max(axis=1)
-        hidden = losses < _MIN_LOSS
-        seqs = np.array([self._sections.items[k].seq for k in self._boundaries.tolist()])
-        for closure in closures:
-            if _CLOSURE_SIGMAS * closure.sigma < _least_slip(closure):
-                hidden &= (seqs <= closure.before.seq) | (seqs > closure.after.seq)
+        hidden = (losses < _MIN_LOSS) & self._hidden_from(closures)
         return float(np.mean(hidden)) if len(hidden) else 1.0
+
+    def _hidden_from(self, closures: Sequence[Closure]) -> Bools:
+        """Return at which boundaries no closure would show a slip, (boundaries,) bool."""
+        seqs = np.array([self._sections.items[k].seq for k in self._boundaries.tolist()])
+        hidden = np.ones(len(seqs), dtype=bool)
+        for closure in closures:
+            if closure.is_informative:
+                hidden &= (seqs <= closure.before.seq) | (seqs > closure.after.seq)
+        return hidden
 
     def _is_round(self) -> bool:
         sides = compare_at(
@@ -361,18 +369,8 @@ class _Check:
         )
 
 
-def _least_slip(closure: Closure) -> float:
-    """Return the size, radians, above which a difference is a slip."""
-    same = closure.before.view == closure.after.view
-    return _MIN_CLOSURE_SLIP if same else _MIN_SLIP
-
-
 def _max_left(size: float) -> float:
     return _MAX_LEFT_OF_SMALL if abs(size) < _SMALL_SLIP else _MAX_LEFT
-
-
-def _has_slipped(closure: Closure) -> bool:
-    return abs(closure.size) > max(_least_slip(closure), _CLOSURE_SIGMAS * closure.sigma)
 
 
 def _grid(extent: float, step: float) -> Floats:

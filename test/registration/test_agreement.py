@@ -52,8 +52,14 @@ def test_lasers_that_see_one_surface_agree():
 @pytest.mark.parametrize(('apart', 'sense'), [(1e-3, 1.0), (0.0, -1.0)])
 def test_surface_that_does_not_fit_is_said(apart, sense):
     found = disagreement(views(apart, sense))
-    assert 'of the surface that was measured twice fits within 0.12 mm' in found
+    assert 'of the surface that two lasers measured fits within 0.12 mm' in found
     assert 'sense of rotation' in found
+
+
+def test_sides_of_one_laser_that_are_near_each_other_need_not_fit():
+    # as a slip would show it, on sides that the laser measured once
+    (near, _) = views()
+    assert disagreement([near, replace(views(1e-3)[1], laser=0)]) == ''
 
 
 def test_stated_errors_of_the_calibration_are_allowed():

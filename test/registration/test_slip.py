@@ -128,7 +128,8 @@ def test_table_that_stands_while_it_reports_angles_is_not_ok():
     assert 'the table did not turn' in one.detail
     # two lasers see two different solids of revolution
     both = check(SlippingScan(cell=CELL, stripes=lines, seed=1))
-    assert both.code == 'NOT_CONVERGED'
+    assert both.code in ('NOT_CONVERGED', 'UNCHECKED')
+    assert 'the table did not turn' in both.detail or 'sense of rotation' in both.detail
 
 
 def test_one_sweep_without_closure_is_said_to_be_unchecked():
