@@ -85,11 +85,11 @@ class Characteristic:
 
     @property
     def normalized_error(self) -> float | None:
-        """|error| / U with U of cell and test value, k = 2; None where the cell states none."""
+        """|error| / U with U of cell and test value, k = 2; None where both are 0 or unknown."""
         if self.u_cell is None or self.nominal is None:
             return None
         expanded = _COVERAGE_FACTOR * float(np.hypot(self.u_cell, self.u_test))
-        return abs(self.value) / expanded if expanded > 0 else np.inf
+        return abs(self.value) / expanded if expanded > 0 else None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -95,6 +95,13 @@ def test_damaged_record_is_refused(tmp_path):
         check_state(path, 'x', MONTH)
 
 
+def test_exact_artifact_and_cell_have_no_normalized_error(check, tmp_path):
+    exact = replace(check.characteristics[1], u_test=0.0, u_cell=0.0)
+    document = check_document(replace(check, characteristics=(exact,)), 'abc', 'mesh.ply')
+    assert document['characteristics'][0]['normalized_error'] is None
+    write_record(tmp_path / 'check.json', document)
+
+
 def test_certificate_says_the_figures(check, tmp_path):
     document = check_document(check, 'abc123', 'scan <1>')
     written = write_certificate(tmp_path, check, document)
