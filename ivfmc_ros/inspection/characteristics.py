@@ -12,6 +12,8 @@ from ivfmc_ros.inspection.budget import Budget
 from ivfmc_ros.inspection.conditions import Conditions
 from ivfmc_ros.inspection.feature_fit import FeatureFit
 from ivfmc_ros.inspection.form import form_error
+from ivfmc_ros.inspection.form import roundness
+from ivfmc_ros.inspection.form import straightness
 from ivfmc_ros.inspection.settings import InspectSettings
 from ivfmc_ros.inspection.verdict import judge
 from ivfmc_ros.inspection.verdict import NOT_MEASURED
@@ -62,7 +64,7 @@ def characteristics_of(
     """
     sizes = _size(name, nominal, fitted, settings, facet_depth)
     found = [*sizes, *_position(name, nominal, fitted, settings)]
-    return (*found, _form(name, fitted, points_xyz, settings))
+    return (*found, *_form(name, fitted, points_xyz, settings))
 
 
 def _size(
@@ -124,22 +126,29 @@ def _offset(nominal: features.Feature, shape: features.Feature) -> Floats:
 
 def _form(
     name: str, fitted: FeatureFit, points_xyz: Floats, settings: InspectSettings
-) -> FeatureCharacteristic:
+) -> Iterator[FeatureCharacteristic]:
     shape = fitted.shape
-    found = form_error(points_xyz, features.residuals(shape, points_xyz))
-    budget = Budget(components={'noise': found.noise_u, **fitted.form_components})
-    form = _FORMS[shape.kind]
-    tolerance = settings.tolerances.of(name, form)
-    few = not np.isfinite(found.value)
-    verdict = NOT_MEASURED if few else judge(found.value, budget.standard, tolerance)
-    return FeatureCharacteristic(
-        name=form,
-        nominal=0.0,
-        measured=found.value,
-        budget=budget,
-        tolerance=tolerance,
-        verdict=verdict,
-    )
+    whole = form_error(points_xyz, features.residuals(shape, points_xyz))
+    found = {_FORMS[shape.kind]: whole}
+    if shape.kind == 'cylinder':
+        found['roundness'] = roundness(shape, points_xyz)
+        found['straightness'] = straightness(shape, points_xyz)
+    for form, error in found.items():
+        budget = Budget(components={'noise': error.noise_u, **fitted.form_components})
+        tolerance = settings.tolerances.of(name, form)
+        few = not np.isfinite(error.value)
+        if few and form != _FORMS[shape.kind]:
+            # a short band has no lines, a narrow one no section
+            continue
+        verdict = NOT_MEASURED if few else judge(error.value, budget.standard, tolerance)
+        yield FeatureCharacteristic(
+            name=form,
+            nominal=0.0,
+            measured=error.value,
+            budget=budget,
+            tolerance=tolerance,
+            verdict=verdict,
+        )
 
 
 def _with_conditions(budget: Budget, value: float, conditions: Conditions) -> Budget:

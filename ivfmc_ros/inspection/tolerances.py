@@ -19,7 +19,7 @@ _MM = 1e-3
 # What is tolerated of a feature. Surface and diameter may deviate by the tolerance to either side;
 # the others are zones of that width (ISO 1101).
 TWO_SIDED = ('surface', 'diameter')
-ZONES = ('flatness', 'cylindricity', 'sphericity', 'position')
+ZONES = ('flatness', 'cylindricity', 'roundness', 'straightness', 'sphericity', 'position')
 CHARACTERISTICS = (*TWO_SIDED, *ZONES)
 
 
