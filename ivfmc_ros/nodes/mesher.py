@@ -9,6 +9,7 @@ publishes a decimated mesh on ``mesh`` and ``mesh_shape`` for display.
 
 from collections.abc import Callable
 from collections.abc import Mapping
+import contextlib
 from pathlib import Path
 import sys
 from typing import Any
@@ -19,8 +20,10 @@ from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh as MeshMessage
 from visualization_msgs.msg import Marker
 
+from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.volume import Volume
 from ivfmc_ros.errors import NotReadyError
+from ivfmc_ros.errors import ScanError
 from ivfmc_ros.files import folder_below
 from ivfmc_ros.meshing.io.export import FORMATS
 from ivfmc_ros.meshing.io.export import require_formats
@@ -52,6 +55,8 @@ class Mesher(CellNode):
         self._source = CellSource(self)
         self._views: dict[int, tuple[int, View]] = {}
         self._poses: PoseArray | None = None
+        # counts what was received: a mesh that was begun early is of exactly these messages
+        self._received = 0
         # of the next build only
         self._poses_stamp_ns = 0
         self._received_s = self.steady_s()
@@ -141,10 +146,32 @@ class Mesher(CellNode):
         view = clouds.to_view(message, 'view')
         self._views[view.number] = nanoseconds(message.header.stamp), view
         self._received_s = self.steady_s()
+        self._received += 1
+        self._begin_early()
 
     def _receive_poses(self, message: PoseArray) -> None:
         self._poses = message
         self._received_s = self.steady_s()
+        self._received += 1
+        self._begin_early()
+
+    def _begin_early(self) -> None:
+        """Make the mesh of a scan when its views are complete; ``build`` writes its files."""
+        message = self._poses
+        if message is None or not self.get('scan_folder') or not self._source.complete:
+            return
+        views = self._views_of(message)
+        if views and len(views) == len(message.poses):
+            # build reports the error of a cell or of poses that are wrong
+            with contextlib.suppress(ScanError):
+                cell, settings = self._source.cell(), self._settings()
+                placed = to_poses(message, views, 'view_poses')
+                key = self._key(cell, settings)
+                self._job.begin(worker_jobs.prepare, key, cell, views, placed, settings)
+
+    def _key(self, cell: Cell, settings: Settings) -> tuple[int, int, Settings]:
+        """Return what a mesh depends on; the source returns the same cell until it changes."""
+        return self._received, id(cell), settings
 
     def _cancel(self) -> Mapping[str, Any]:
         return {'cancelled': self._cancel_job('mesher: the work was cancelled')}
@@ -167,10 +194,13 @@ class Mesher(CellNode):
                 views,
                 to_poses(message, views, 'view_poses'),
                 settings,
-                self._folder(),
-                self.get('formats'),
-                self.get('display_triangles'),
-                self._volume(),
+                worker_jobs.MeshOutput(
+                    folder=self._folder(),
+                    suffixes=self.get('formats'),
+                    triangles=self.get('display_triangles'),
+                    volume=self._volume(),
+                ),
+                self._key(cell, settings),
             )
         stamp = nanoseconds(message.header.stamp)
         self._marker.publish(meshes.marker(made.vertices_xyz, made.faces, stamp))

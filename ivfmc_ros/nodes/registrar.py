@@ -189,13 +189,16 @@ class Registrar(CellNode):
             # no preview after the final poses
             self._arrivals = Arrivals()
             profiles = [self._profiles[seq] for seq in sorted(self._profiles)]
-            made = await self._job.run(
-                claim, worker_jobs.register, self._source.cell(), profiles, self._settings()
+            placed = await self._job.run(
+                claim, worker_jobs.place, self._source.cell(), profiles, self._settings()
             )
-        stamp_ns = self._stamp_ns + self._registrations
-        self._publish(made.views, made.poses, stamp_ns)
-        # another stamp when registered again: the mesher must not mix the results
-        self._registrations += 1
+            stamp_ns = self._stamp_ns + self._registrations
+            # another stamp when registered again: the mesher must not mix the results
+            self._registrations += 1
+            # the mesher begins while the surfaces are compared
+            self._publish(placed.views, placed.poses, stamp_ns)
+            checked = await self._job.run(claim, worker_jobs.check)
+        made = worker_jobs.registered_views(placed, checked)
         return {
             'scan_id': self.get('scan_id'),
             'stamp_ns': stamp_ns,

@@ -3,11 +3,13 @@
 """The one long job of registrar or mesher: it belongs to a scan, and ends with it."""
 
 from collections.abc import Iterator
+import contextlib
 from contextlib import contextmanager
 from typing import Any
 
 from ivfmc_ros.errors import BusyError
 from ivfmc_ros.errors import CancelledError
+from ivfmc_ros.errors import ScanError
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.processing import worker_jobs
 from ivfmc_ros.worker import Job
@@ -33,6 +35,7 @@ class ExclusiveJob:
         self._node = node
         self._worker = Worker([worker_jobs.__name__])
         self._claim: Claim | None = None
+        self._background: Claim | None = None
 
     @property
     def busy(self) -> bool:
@@ -76,20 +79,46 @@ class ExclusiveJob:
         claim.require()
         return result
 
+    def begin(self, job: Job, *arguments: Any) -> bool:
+        """
+        Run a job in the background whose result stays in the child process.
+
+        A request that comes meanwhile runs after it. An error of the job is not reported: the
+        request that needs its result gets the same one.
+
+        :returns: False where a request or another such job is running
+        """
+        if self._claim is not None or self._background is not None:
+            return False
+        claim = self._background = Claim()
+
+        def work() -> None:
+            try:
+                with contextlib.suppress(ScanError):
+                    self._worker.run(job, *arguments, cancelled=lambda: bool(claim.cancelled))
+            finally:
+                if self._background is claim:
+                    self._background = None
+
+        self._node.in_thread(work)
+        return True
+
     def cancel(self, reason: str) -> bool:
         """
-        End the work on the present request; its caller gets CANCELLED.
+        End the work on the present request, whose caller gets CANCELLED, and in the background.
 
         The next request can begin at once.
 
-        :returns: whether there was one
+        :returns: whether there was a request
         """
         claim, self._claim = self._claim, None
-        if claim is None:
-            return False
-        claim.cancelled = reason
-        self._worker.kill()
-        return True
+        background, self._background = self._background, None
+        for withdrawn in (claim, background):
+            if withdrawn is not None:
+                withdrawn.cancelled = reason
+        if claim is not None or background is not None:
+            self._worker.kill()
+        return claim is not None
 
     def close(self) -> None:
         """Kill the child process."""

@@ -3,7 +3,8 @@
 """
 The long jobs of registrar and mesher, run in a child process (``worker``). No ROS.
 
-Open3D holds the GIL for most of a call; in the process of a node it would stop the heartbeat.
+Open3D holds the GIL for most of a call; in the process of a node it would stop the heartbeat. Some
+jobs keep a large result in the process for the next one.
 """
 
 from collections.abc import Sequence
@@ -16,11 +17,13 @@ from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.volume import Volume
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import NoStripeError
+from ivfmc_ros.errors import ScanError
 from ivfmc_ros.files import make_folder
 from ivfmc_ros.inspection.reports.scan_page import mesh_figures
 from ivfmc_ros.meshing.filters.vertex_clustering import cluster_vertices
 from ivfmc_ros.meshing.geometry.cut_rim import rim_figures
 from ivfmc_ros.meshing.io import export
+from ivfmc_ros.meshing.settings import MeshSettings
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Mesh
@@ -41,9 +44,39 @@ from ivfmc_ros.storage.scans.stored_scan import load_profiles
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class RegisteredViews:
+class PlacedViews:
     """
     Views with their poses, and how they were found.
+
+    counts : of profiles, views and points; seconds : duration of each step
+    """
+
+    views: list[View]
+    poses: Poses
+    verdicts: list[Verdict]
+    motions: list[SweepMotion]
+    counts: dict[str, int]
+    seconds: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CheckedViews:
+    """
+    Whether the surfaces of the views agree.
+
+    table : whether lost steps of the table were found
+    seconds : duration of each step
+    """
+
+    misfit: Misfit | None
+    table: TableCheck
+    seconds: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RegisteredViews:
+    """
+    Views with their poses, how they were found, and whether their surfaces agree.
 
     table : whether lost steps of the table were found
     counts : of profiles, views and points; seconds : duration of each step
@@ -57,6 +90,43 @@ class RegisteredViews:
     table: TableCheck
     counts: dict[str, int]
     seconds: dict[str, float]
+
+
+@dataclass(kw_only=True)
+class _Kept:
+    """
+    What the last job left in this process.
+
+    cell, placed : of ``place``, for ``check``
+    key, mesh, settings, seconds : of ``prepare``, for ``build``
+    """
+
+    cell: Cell | None = None
+    placed: PlacedViews | None = None
+    key: Any = None
+    mesh: Mesh | None = None
+    settings: MeshSettings | None = None
+    seconds: float = 0.0
+
+
+_kept = _Kept()
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshOutput:
+    """
+    What ``build`` makes of a mesh.
+
+    folder : of the files; '' for none
+    suffixes : of the files, such as stl
+    triangles : maximum number for display
+    volume : working volume of the triangulator; None if unknown
+    """
+
+    folder: str
+    suffixes: Sequence[str]
+    triangles: int
+    volume: Volume | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -83,7 +153,24 @@ def register(
     cell: Cell, profiles: Sequence[Profile], settings: pipeline.Settings
 ) -> RegisteredViews:
     """
-    Assemble profiles into views and register the views.
+    Assemble profiles into views, register the views, and compare their surfaces.
+
+    :raises NoStripeError: no profile has a point
+    :raises GeometryError: a view has profiles of two lasers
+    """
+    placed = place(cell, profiles, settings)
+    return registered_views(placed, check())
+
+
+def registered_views(placed: PlacedViews, checked: CheckedViews) -> RegisteredViews:
+    """Return both results as one."""
+    seconds = {**placed.seconds, **checked.seconds}
+    return RegisteredViews(**{**vars(placed), **vars(checked), 'seconds': seconds})
+
+
+def place(cell: Cell, profiles: Sequence[Profile], settings: pipeline.Settings) -> PlacedViews:
+    """
+    Assemble profiles into views and register the views; ``check`` compares their surfaces.
 
     :raises NoStripeError: no profile has a point
     :raises GeometryError: a view has profiles of two lasers
@@ -95,18 +182,33 @@ def register(
         views, motions, counts = pipeline.assemble_views(cell, profiles, settings)
     with watch.stage('registration'):
         poses, verdicts = pipeline.register_views(views, settings)
-        misfit = laser_misfit(views, poses)
-        table = check_registration(views, poses, verdicts, cell)
-    return RegisteredViews(
+    _kept.cell = cell
+    _kept.placed = PlacedViews(
         views=views,
         poses=poses,
         verdicts=verdicts,
         motions=motions,
-        misfit=misfit,
-        table=table,
         counts={'profiles': len(profiles), 'views': len(views), **counts},
         seconds=watch.seconds,
     )
+    return _kept.placed
+
+
+def check() -> CheckedViews:
+    """
+    Compare the surfaces of the views of the last ``place`` in this process.
+
+    :raises ScanError: there was none, such as after a death of the process
+    """
+    cell, placed = _kept.cell, _kept.placed
+    _kept.cell = _kept.placed = None
+    if cell is None or placed is None:
+        raise ScanError('the process that registered the views has ended; register them again')
+    watch = Stopwatch()
+    with watch.stage('check'):
+        misfit = laser_misfit(placed.views, placed.poses)
+        table = check_registration(placed.views, placed.poses, placed.verdicts, cell)
+    return CheckedViews(misfit=misfit, table=table, seconds=watch.seconds)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -151,39 +253,64 @@ def merge_scans(root: str, scan_ids: Sequence[str], settings: pipeline.Settings)
     )
 
 
+def prepare(
+    key: Any, cell: Cell, views: Sequence[View], poses: Poses, settings: pipeline.Settings
+) -> None:
+    """
+    Make the mesh of registered views, and keep it in this process for a ``build`` with this key.
+
+    key : of the views and settings, comparable
+    :raises GeometryError: the points determine no surface
+    """
+    _kept.key = _kept.mesh = None
+    watch = Stopwatch()
+    with watch.stage('meshing'):
+        _kept.mesh, _kept.settings = pipeline.mesh_views(cell, list(views), poses, settings)
+    _kept.key, _kept.seconds = key, watch.seconds['meshing']
+
+
+def _prepared(
+    key: Any, cell: Cell, views: Sequence[View], poses: Poses, settings: pipeline.Settings
+) -> tuple[Mesh, MeshSettings, float]:
+    """Return the mesh, the settings as used, and the seconds; made now unless it is prepared."""
+    if key is None or key != _kept.key or _kept.mesh is None:
+        prepare(key, cell, views, poses, settings)
+    mesh, used = _kept.mesh, _kept.settings
+    _kept.key = _kept.mesh = None
+    if mesh is None or used is None:
+        raise ScanError('the mesh was not made')
+    return mesh, used, _kept.seconds
+
+
 def build(
     cell: Cell,
     views: Sequence[View],
     poses: Poses,
     settings: pipeline.Settings,
-    folder: str,
-    suffixes: Sequence[str],
-    triangles: int,
-    volume: Volume | None = None,
+    output: MeshOutput,
+    key: Any = None,
 ) -> BuiltMesh:
     """
-    Build the mesh of registered views, and write its files into ``folder`` unless that is ''.
+    Build the mesh of registered views, and write its files.
 
-    suffixes : of the files, such as stl
-    triangles : maximum number for display
-    volume : working volume of the triangulator; None if unknown
+    key : of a mesh that ``prepare`` may have made; None for none
     :raises GeometryError: the points determine no surface
     :raises FileError: a file exists already, or cannot be written
     """
-    paths = {suffix: Path(folder) / f'mesh.{suffix}' for suffix in suffixes if folder}
+    folder = output.folder
+    paths = {suffix: Path(folder) / f'mesh.{suffix}' for suffix in output.suffixes if folder}
     for path in paths.values():
         if path.exists():
             raise FileError(f'{path}: exists already and is not overwritten')
     watch = Stopwatch()
-    with watch.stage('meshing'):
-        mesh, used = pipeline.mesh_views(cell, list(views), poses, settings)
+    mesh, used, seconds = _prepared(key, cell, views, poses, settings)
     with watch.stage('files'):
         if folder:
             make_folder(Path(folder))
         for path in paths.values():
             export.write_mesh(path, mesh, settings.export_unit)
     with watch.stage('display'):
-        vertices, faces = cluster_vertices(mesh.vertices_xyz, mesh.faces, triangles)
+        vertices, faces = cluster_vertices(mesh.vertices_xyz, mesh.faces, output.triangles)
     return BuiltMesh(
         vertices_xyz=vertices,
         faces=faces,
@@ -194,11 +321,12 @@ def build(
             'faces': len(mesh.faces),
             'shown_faces': len(faces),
         },
-        surface=mesh_figures(mesh) if volume is None else _cut_figures(mesh, volume),
+        surface=_surface_figures(mesh, output.volume),
         paths={suffix: str(path) for suffix, path in paths.items()},
-        seconds=watch.seconds,
+        seconds={'meshing': seconds, **watch.seconds},
     )
 
 
-def _cut_figures(mesh: Mesh, volume: Volume) -> dict[str, Any]:
-    return {**mesh_figures(mesh), 'cut_rim': rim_figures(mesh, volume)}
+def _surface_figures(mesh: Mesh, volume: Volume | None) -> dict[str, Any]:
+    figures = mesh_figures(mesh)
+    return figures if volume is None else {**figures, 'cut_rim': rim_figures(mesh, volume)}
