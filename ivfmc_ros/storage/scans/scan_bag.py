@@ -161,12 +161,11 @@ def open_scan(
     bag = open_bag(path, salvage=salvage)
     scan_topics = find_scan_topics(bag, topics)
     messages = _read_messages(bag, scan_topics)
-    stamps = sorted(stamp_ns for stamp_ns, _ in messages['image'])
+    stamps = _image_stamps(messages, f'{path}: {scan_topics.image.name}')
     where = f'{path}: {scan_topics.joint_states.name}'
     positions = [message for message, _ in messages['joint_states']]
     joint_history = JointHistory.from_messages(positions, joint, where)
     ahead_s = _clock_offset_s(messages)
-    _require_stamps(stamps, f'{path}: {scan_topics.image.name}')
     _require_angles(joint_history, [] if salvage else stamps, where, ahead_s)
     matcher = FrameMatcher(
         lasers,
@@ -180,11 +179,9 @@ def open_scan(
     matches = _match(matcher, stamps)
     if matching is None:
         matches = _as_recorded_profiles(matches, messages['profile'])
-    camera = camera or _camera(bag, scan_topics, messages)
-    require_raw_images(scan_topics.image.name, camera)
     return ScanBag(
         path=path,
-        camera=camera,
+        camera=_camera(bag, scan_topics, messages, camera),
         skipped=_count_skipped(matches, f'{path}: {scan_topics.image.name}'),
         damage=bag.damage,
         bag=bag,
@@ -270,12 +267,15 @@ def _clock_text(ahead_s: float) -> str:
     )
 
 
-def _require_stamps(stamps_ns: Sequence[int], where: str) -> None:
+def _image_stamps(messages: Mapping[str, list[Any]], where: str) -> list[int]:
+    """:raises BagError: all images have the same stamp."""
+    stamps_ns = sorted(stamp_ns for stamp_ns, _ in messages['image'])
     if len(stamps_ns) > 1 and len(set(stamps_ns)) == 1:
         raise BagError(
             f'{where}: all {len(stamps_ns)} images have the stamp {_stamp_text(stamps_ns[0])}: '
             'the camera driver does not set header.stamp to the time of the exposure'
         )
+    return stamps_ns
 
 
 def _require_angles(
@@ -337,7 +337,16 @@ def _laser_history(
     return LaserHistory(lasers)
 
 
-def _camera(bag: Bag, topics: ScanTopics, messages: Mapping[str, list[Any]]) -> Camera:
+def _camera(
+    bag: Bag, topics: ScanTopics, messages: Mapping[str, list[Any]], given: Camera | None
+) -> Camera:
+    """Return the given camera or that of camera_info, if it fits the images."""
+    camera = given or _recorded_camera(bag, topics, messages)
+    require_raw_images(topics.image.name, camera)
+    return camera
+
+
+def _recorded_camera(bag: Bag, topics: ScanTopics, messages: Mapping[str, list[Any]]) -> Camera:
     if topics.camera_info is None:
         raise missing_topic_error(bag, 'camera_info')
     try:
