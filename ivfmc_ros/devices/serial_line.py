@@ -43,6 +43,7 @@ class SerialLine:
         self._closing = threading.Event()
         self._name = ''
         self._adopted: tuple[serial.Serial, bytes] | None = None
+        self._is_adopted = False
         self.unfinished = b''
 
     def open(self, name: str, baud: int) -> None:
@@ -53,6 +54,7 @@ class SerialLine:
         :raises ControllerLostError: there is no such port, or another process uses it
         """
         adopted, self._adopted = self._adopted, None
+        self._is_adopted = adopted is not None
         port, received = adopted or (open_port(name, baud), b'')
         self._name, self._port, self.unfinished = name, port, received
         self._closing.clear()
@@ -62,6 +64,11 @@ class SerialLine:
     def adopt(self, port: serial.Serial, received: bytes) -> None:
         """Use an open port, from which bytes were received, for the next ``open``."""
         self._adopted = port, received
+
+    @property
+    def adopted(self) -> bool:
+        """Whether the port was open before: the controller has started, and was asked."""
+        return self._is_adopted
 
     @property
     def handle(self) -> int | None:

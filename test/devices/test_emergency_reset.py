@@ -53,7 +53,8 @@ def test_beam_and_table_stop_when_the_driver_is_killed(emulator, tmp_path):
 
 
 @pytest.mark.parametrize('firmware', ['horus', 'marlin', 'fabscan'])
-def test_lasers_of_other_firmwares_go_off(firmware, tmp_path):
+def test_lasers_of_other_firmwares_go_off(firmware, tmp_path, monkeypatch):
+    monkeypatch.setattr('ivfmc_ros.devices.detection._GREETING_S', 0.3)
     with emulated(firmware, tmp_path, auto_reset=False) as emulator:
         controller = AnyController(settings_for(firmware, tmp_path / 'controller'))
         controller.open()

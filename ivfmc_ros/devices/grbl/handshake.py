@@ -27,6 +27,7 @@ _AUTO_RESET_TIMEOUT = 2.5  # seconds; without a banner, opening the port did not
 _SILENT_RESET_TIMEOUT = (
     1.5  # seconds after a reset until a controller counts as one without banner
 )
+_ADOPTED_TIMEOUT = 0.2  # seconds; the banner, if there was one, has been received already
 _MAX_LISTINGS = 5  # of settings, until two agree; at 0.1 % lost bytes one in three is damaged
 _MAX_LINES_SHOWN, _MAX_SHOWN = 3, 60  # lines and characters of what an unknown controller sent
 
@@ -70,7 +71,8 @@ class Handshake:
 
     def _wait_for_start(self) -> None:
         monitor = self._monitor
-        if not monitor.wait_for_start(_AUTO_RESET_TIMEOUT):
+        wait = _ADOPTED_TIMEOUT if self._line.adopted else _AUTO_RESET_TIMEOUT
+        if not monitor.wait_for_start(wait):
             monitor.expect_start()
             self._line.write(protocol.RESET)
             if not monitor.wait_for_start(_SILENT_RESET_TIMEOUT):

@@ -84,7 +84,9 @@ class MarlinController(PromptController):
 
     def _connect(self) -> None:
         self._started, self._asked_at, self._overdue_at = False, 0.0, 0.0
-        deadline = time.monotonic() + _START_S
+        # a controller that was asked before has started
+        wait = _SETTLE_S if self._line.serial.adopted else _START_S
+        deadline = time.monotonic() + wait
         while not self._started and time.monotonic() < deadline:
             time.sleep(_PERIOD_S)
         time.sleep(_SETTLE_S)
