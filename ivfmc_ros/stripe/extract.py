@@ -71,7 +71,8 @@ def extract(
     """
     settings = settings or ExtractSettings()
     crop = CroppedImage.of(image, stripe, settings, region)
-    rows, u, estimate = _estimates_by_glare(crop, settings)
+    (rows, u, estimate), is_thin = _estimates_by_glare(crop, settings)
+    limit = settings.max_uncertainty * (glare.UNCERTAINTY_FRACTION if is_thin else 1.0)
     sigma = estimate.sigma
     noise_sigma = np.zeros_like(sigma) if settings.method in NOISE_INDEPENDENT else sigma
     kept = noise_sigma <= settings.max_error
@@ -80,7 +81,7 @@ def extract(
     if settings.shape_uncertainty:
         shape = quality.shape_uncertainty(rows, u, estimate, settings.least_width)
         sigma = np.hypot(sigma, shape)
-        kept &= np.hypot(noise_sigma, shape) <= settings.max_uncertainty * estimate.width
+        kept &= np.hypot(noise_sigma, shape) <= limit * estimate.width
     if settings.along and len(rows):
         u, sigma = smoothing.smooth(rows, u, sigma, settings.along)
     u, rows = u + crop.first[1], rows + crop.first[0]
@@ -114,21 +115,22 @@ def rows_with_glare(
 
 def _estimates_by_glare(
     crop: CroppedImage, settings: ExtractSettings
-) -> tuple[Ints, Floats, PeakEstimate]:
-    """Return the estimates of ``_estimates``, or those of thin stripes with ``glare`` on."""
+) -> tuple[tuple[Ints, Floats, PeakEstimate], bool]:
+    """Return rows, columns and estimates, and whether they are those of thin stripes."""
     choice, width = settings.glare, settings.expected_width
-    if settings.method not in ('auto', DEFAULT):
+    if settings.method not in ('auto', DEFAULT) or (choice == 'auto' and width is None):
         choice = 'off'
     if choice == 'on' and width is not None:
-        return _glare_estimates(crop, settings, width)
+        return _glare_estimates(crop, settings, width), True
     found = _estimates(crop, settings)
-    if choice == 'on':
-        width = glare.expected_width(found[2].width)
-    elif choice == 'auto' and width is not None:
-        rows, u, estimate = found
+    rows, u, estimate = found
+    if choice == 'auto':
         shown = glare.shows_glare(crop, rows, u, estimate.width, estimate.height)
         choice = 'on' if glare.is_glaring(shown) else 'off'
-    return found if choice != 'on' or width is None else _glare_estimates(crop, settings, width)
+    width = width or glare.expected_width(estimate.width)
+    if choice == 'off' or width is None:
+        return found, False
+    return _glare_estimates(crop, settings, width), True
 
 
 def _glare_estimates(

@@ -20,6 +20,7 @@ from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
 from ivfmc_ros.stripe.space_time_stream import create_stream
+from ivfmc_ros.stripe.stripe import Stripe
 
 SPHERE = Sphere(np.array([0.01, 0.005, 0.04]), 0.02)
 BLACK = np.zeros((512, 640), dtype=np.uint8)
@@ -86,6 +87,27 @@ def test_light_that_was_reflected_twice_is_noticed_in_the_first_pictures():
     off = acquisition(extract=ExtractSettings(glare='off'))
     off.resolve_auto_settings([with_fan(frame) for frame in frames])
     assert off.settings.extract.glare == 'off'
+
+
+@pytest.mark.parametrize(
+    ('widths', 'method', 'glare'),
+    [
+        # inter-reflections: uncertain and wide over most of the stripe, thin elsewhere
+        ((1.0, 5.0, 5.0), 'gaussian', 'on'),
+        # a translucent material: uncertain and wide everywhere
+        ((5.0, 5.0, 5.0), 'top_of_peak', 'off'),
+    ],
+)
+def test_metal_is_not_taken_for_a_translucent_material(monkeypatch, widths, method, glare):
+    width = np.repeat(widths, 100)
+    found = Stripe(
+        uv=np.zeros((300, 2)), intensity=np.full(300, 50.0), width=width, sigma=0.35 * width
+    )
+    scan = acquisition(extract=ExtractSettings(least_width=0.5))
+    nothing = np.zeros(300, dtype=bool)
+    monkeypatch.setattr(scan, '_everything_found', lambda *_: (found, nothing))
+    scan.resolve_auto_settings([frame_of(BLACK)])
+    assert (scan.settings.extract.method, scan.settings.extract.glare) == (method, glare)
 
 
 def test_stripe_on_the_wall_is_no_part():

@@ -19,7 +19,7 @@ ON = ExtractSettings(glare='on')
 EVERYTHING = ExtractSettings(max_uncertainty=50.0, max_error=50.0)
 
 
-def picture(direct=80.0, fan=130.0, seed=1, sigma=SIGMA):
+def picture(direct=100.0, fan=100.0, seed=1, sigma=SIGMA):
     """Return a picture with speckle and noise, and the columns of the stripe."""
     rng = np.random.default_rng(seed)
     rows, columns = np.arange(ROWS)[:, None], np.arange(COLUMNS)
