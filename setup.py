@@ -93,7 +93,6 @@ setup(
     # Lower bounds are the versions of Ubuntu noble, except for OpenCV (see package.xml).
     install_requires=[
         'click>=8.1',
-        'fast-simplification>=0.2',
         'matplotlib>=3.6',
         'mcap>=1.1',
         'numpy>=1.26',
@@ -116,6 +115,8 @@ setup(
         ],
         # no wheels for ARM
         '3mf': ['lib3mf>=2.3'],
+        # no key in rosdep
+        'decimate': ['fast-simplification>=0.2'],
         # what traces the pictures of `make bench NAME=metal`; needs libLLVM 16 or later
         'bench': ['mitsuba>=3.5'],
         # what builds docs/
@@ -129,6 +130,7 @@ setup(
         'test': [
             'build>=1.0',
             'colcon-common-extensions>=0.3',
+            'fast-simplification>=0.2',
             'hypothesis>=6.100',
             'jsonschema>=4.18',
             'lib3mf>=2.3; platform_machine == "x86_64"',

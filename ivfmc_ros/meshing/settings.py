@@ -3,6 +3,7 @@
 """Settings of meshing; their docstring describes the ``mesh.*`` parameters of the nodes."""
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.validation import require_in_range
@@ -55,6 +56,11 @@ class MeshSettings:
         require_in_range('smoothing', self.smoothing, 0, 200, 'iterations')
         require_in_range('decimate', self.decimate, 0.0, 0.1, 'm')
         require_in_range('decimate_sigmas', self.decimate_sigmas, 0.0, 100.0)
+        if (self.decimate or self.decimate_sigmas) and find_spec('fast_simplification') is None:
+            raise ParameterError(
+                'decimate: needs fast-simplification, which is not installed: '
+                'pip install fast-simplification'
+            )
         require_in_range('island', self.island, 0, 10_000_000, 'triangles')
         if self.floor is not None:
             require_in_range('floor', self.floor, -1.0, 1.0, 'm')

@@ -7,6 +7,7 @@ import pytest
 from support.degraded_views import CELL
 from support.degraded_views import views
 
+from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.meshing.build import build_mesh
 from ivfmc_ros.meshing.filters.decimate import decimate
 from ivfmc_ros.meshing.geometry import normals
@@ -113,3 +114,11 @@ def test_rough_surface_is_not_decimated_with_a_small_tolerance():
     same, error = decimate(rough, 1e-7)
     assert len(same.faces) == len(rough.faces)
     assert error == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize('name', ['decimate', 'decimate_sigmas'])
+def test_missing_library_is_named_before_a_scan(monkeypatch, name):
+    monkeypatch.setattr('ivfmc_ros.meshing.settings.find_spec', lambda _: None)
+    MeshSettings()
+    with pytest.raises(ParameterError, match='pip install fast-simplification'):
+        MeshSettings(**{name: 1e-5})
