@@ -92,6 +92,7 @@ setup(
     python_requires='>=3.11',
     # Lower bounds are the versions of Ubuntu noble, except for OpenCV (see package.xml).
     install_requires=[
+        'alembic>=1.13',
         'click>=8.1',
         'matplotlib>=3.6',
         'mcap>=1.1',
@@ -113,6 +114,10 @@ setup(
             'ros-jazzy-common-interfaces>=5.3',
             'ros-jazzy-rclpy[fastrtps]>=7.1',
         ],
+        # catalogue of a plant
+        'postgresql': ['psycopg[binary]>=3.1'],
+        # reconstruction of many bags on a cluster
+        'dask': ['distributed>=2024.1'],
         # no wheels for ARM
         '3mf': ['lib3mf>=2.3'],
         # no key in rosdep
@@ -131,6 +136,7 @@ setup(
             'build>=1.0',
             'colcon-common-extensions>=0.3',
             'fast-simplification>=0.2',
+            'distributed>=2024.1',
             'hypothesis>=6.100',
             'jsonschema>=4.18',
             'lib3mf>=2.3; platform_machine == "x86_64"',
@@ -139,6 +145,7 @@ setup(
             'mypy==2.4.1',
             'networkx',
             'numpy<2.5',
+            'psycopg[binary]>=3.1',
             'psutil>=5.9',
             'pytest>=8.0',
             'pytest-xdist>=3.6',

@@ -43,12 +43,16 @@ class McapWriter:
     A file that ends before ``finish`` can be read up to its last chunk.
     """
 
-    def __init__(self, stream: IO[bytes], *, compress: bool = True) -> None:
+    def __init__(
+        self, stream: IO[bytes], *, compress: bool = True, library: str = 'ivfmc_ros'
+    ) -> None:
         """
         Write the header.
 
         stream : seekable; stays open after ``finish``
         compress : compress chunks by zstd
+        library : name of the recorder; 'ivfmc_ros': the sequence of a message is its index in
+            its topic
         """
         self._stream = stream
         self._compressor = zstandard.ZstdCompressor(level=_ZSTD_LEVEL) if compress else None
@@ -63,12 +67,12 @@ class McapWriter:
         self._times: list[int] = []
         self._span: tuple[int, int] = (0, 0)
         self._write(_MAGIC)
-        self._write_record(Header(profile='ros2', library='ivfmc_ros'))
+        self._write_record(Header(profile='ros2', library=library))
 
-    def add_schema(self, name: str, text: str) -> int:
-        """Add a message definition, ``text`` in ros2msg format, and return its id."""
+    def add_schema(self, name: str, data: bytes, encoding: str = 'ros2msg') -> int:
+        """Add a message definition, ``data`` in the format of ``encoding``, and return its id."""
         number = len(self._schemas) + 1
-        self._schemas.append(Schema(id=number, name=name, encoding='ros2msg', data=text.encode()))
+        self._schemas.append(Schema(id=number, name=name, encoding=encoding, data=data))
         self._schemas[-1].write(self._chunk)
         return number
 
@@ -87,8 +91,19 @@ class McapWriter:
         self._channels[-1].write(self._chunk)
         return number
 
-    def add_message(self, channel: int, time_ns: int, data: bytes, sequence: int) -> None:
-        """Add a message to the present chunk; ``time_ns`` becomes log time and publish time."""
+    def add_message(
+        self,
+        channel: int,
+        time_ns: int,
+        data: bytes,
+        sequence: int,
+        publish_ns: int | None = None,
+    ) -> None:
+        """
+        Add a message to the present chunk.
+
+        time_ns, publish_ns : log time and publish time, nanoseconds; None: equal to the log time
+        """
         index = self._indices.setdefault(channel, MessageIndex(channel_id=channel, records=[]))
         index.records.append((time_ns, self._chunk.count))
         self._times.append(time_ns)
@@ -96,7 +111,7 @@ class McapWriter:
             channel_id=channel,
             log_time=time_ns,
             data=data,
-            publish_time=time_ns,
+            publish_time=time_ns if publish_ns is None else publish_ns,
             sequence=sequence,
         ).write(self._chunk)
         self._counts[channel] += 1

@@ -32,6 +32,7 @@ class TopicMetadata:
     type_hash : RIHS01 hash of the message definition (REP 2011); '' for an unknown type
     latched : the publisher is transient local
     depth : history depth of the publisher
+    qos : offered QoS profiles as another recorder stored them, YAML; '' for those of this package
     """
 
     topic: str
@@ -40,10 +41,17 @@ class TopicMetadata:
     type_hash: str = ''
     latched: bool = False
     depth: int = 30
+    qos: str = ''
 
 
 def offered_qos_profiles(topic: TopicMetadata) -> list[dict[str, object]]:
     """Return the offered QoS profiles of a topic as rosbag2 stores them."""
+    if topic.qos:
+        try:
+            stored = yaml.safe_load(topic.qos)
+        except yaml.YAMLError:
+            stored = None
+        return stored if isinstance(stored, list) else []
     return [
         {
             'history': 'keep_last',
@@ -59,31 +67,69 @@ def offered_qos_profiles(topic: TopicMetadata) -> list[dict[str, object]]:
     ]
 
 
-def bag_information(
-    file_name: str, topics: Sequence[TopicMetadata], start_ns: int, end_ns: int
-) -> dict[str, object]:
+@dataclass(frozen=True, kw_only=True)
+class FileMetadata:
     """
-    Return the value of ``rosbag2_bagfile_information`` for a bag of one file.
+    Description of a file that is written.
 
+    name : relative to the folder of the bag
     start_ns, end_ns : smallest and greatest log time, nanoseconds
+    count : number of messages
     """
-    span = {
-        'starting_time': {'nanoseconds_since_epoch': start_ns},
-        'duration': {'nanoseconds': end_ns - start_ns},
-        'message_count': sum(topic.count for topic in topics),
-    }
+
+    name: str
+    start_ns: int
+    end_ns: int
+    count: int
+
+
+def bag_information(
+    files: Sequence[FileMetadata], topics: Sequence[TopicMetadata]
+) -> dict[str, object]:
+    """Return the value of ``rosbag2_bagfile_information`` for the files of a bag, in order."""
+    used = [file for file in files if file.count]
+    start_ns = min((file.start_ns for file in used), default=0)
+    end_ns = max((file.end_ns for file in used), default=0)
     return {
         'version': VERSION,
         'storage_identifier': 'mcap',
-        **span,
+        **_span(start_ns, end_ns, sum(topic.count for topic in topics)),
         'topics_with_message_count': [_topic_entry(topic) for topic in topics],
         'compression_format': '',
         'compression_mode': '',
-        'relative_file_paths': [file_name],
-        'files': [{'path': file_name, **span}],
+        'relative_file_paths': [file.name for file in files],
+        'files': [
+            {'path': file.name, **_span(file.start_ns, file.end_ns, file.count)} for file in files
+        ],
         'custom_data': None,
         'ros_distro': ROS_DISTRO,
     }
+
+
+def _span(start_ns: int, end_ns: int, count: int) -> dict[str, object]:
+    return {
+        'starting_time': {'nanoseconds_since_epoch': start_ns},
+        'duration': {'nanoseconds': end_ns - start_ns},
+        'message_count': count,
+    }
+
+
+def stated_counts(folder: Path) -> dict[str, int]:
+    """
+    Return the number of messages by topic that metadata.yaml states.
+
+    :raises BagError: metadata.yaml is missing or invalid
+    """
+    entries = _read(folder / FILE_NAME).get('topics_with_message_count')
+    counts = {}
+    for entry in entries if isinstance(entries, list) else []:
+        try:
+            counts[str(entry['topic_metadata']['name'])] = int(entry['message_count'])
+        except (KeyError, TypeError, ValueError) as error:
+            raise BagError(
+                f'{folder / FILE_NAME}: topics_with_message_count: is not valid: {error}'
+            ) from error
+    return {topic: count for topic, count in counts.items() if count}
 
 
 def _topic_entry(topic: TopicMetadata) -> dict[str, object]:

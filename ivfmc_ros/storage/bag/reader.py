@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reads MCAP bags of any recorder; detects damage and salvages what precedes it."""
+"""Reads MCAP bags of any recorder; detects damage and salvages what is intact."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -20,6 +20,9 @@ from ivfmc_ros.errors import BagError
 from ivfmc_ros.file_kinds import kind_of_file
 from ivfmc_ros.storage.bag.locate import find_files
 from ivfmc_ros.storage.bag.locate import is_unfinished
+from ivfmc_ros.storage.bag.recovery import IntactPart
+from ivfmc_ros.storage.bag.recovery import known_channels
+from ivfmc_ros.storage.bag.recovery import read_parts
 from ivfmc_ros.storage.bag.summary import is_cut_off
 from ivfmc_ros.storage.bag.summary import READ_ERRORS
 from ivfmc_ros.storage.bag.summary import read_summary
@@ -146,7 +149,8 @@ class Bag:
         seen: Counter[str] = Counter()
         for file in self.files:
             try:
-                for channel, message in _stream(file):
+                source = _stream(file) if self.damage is None else _intact(file)
+                for channel, message in source:
                     if channel.topic not in self.topics:
                         raise BagError(
                             f'{file}: is damaged: topic {channel.topic} is in the messages, not '
@@ -157,8 +161,7 @@ class Bag:
                         seen[channel.topic] += 1
                         yield _raw(channel.topic, index, message)
             except _DamageError as error:
-                if self.damage is None:
-                    raise BagError(_refusal(_damage_text(error, file, seen))) from error
+                raise BagError(_refusal(_damage_text(error, file))) from error
         if self.damage is None:
             self._require_counts(seen, topics)
 
@@ -238,10 +241,9 @@ def _topics(file: Path, *, use_index: bool) -> tuple[list[Topic], str | None, st
         for channel, _ in _stream(file, channels):
             counts[channel.id] += 1
     except _DamageError as error:
-        names: Counter[str] = Counter()
-        for number, count in counts.items():
-            names[channels[number][0].topic] += count
-        damage = _damage_text(error, file, names)
+        channels = {}
+        counts = Counter(channel.id for channel, _ in _intact(file, channels))
+        damage = _damage_text(error, file)
     return [_topic(*channels[number], counts[number]) for number in channels], damage, remark
 
 
@@ -314,15 +316,34 @@ def _stream(
                 yield channel, record
 
 
+def _intact(
+    file: Path, channels: dict[int, tuple[Channel, Schema | None]] | None = None
+) -> Iterator[tuple[Channel, Message]]:
+    """
+    Yield the messages of the intact parts of a damaged file; those of unknown topics are left out.
+
+    channels : is filled with the channels and their schemas, by channel id
+    """
+    found, schemas = known_channels(file)
+    if channels is not None:
+        for number, channel in found.items():
+            channels[number] = channel, schemas.get(channel.schema_id)
+    for part in read_parts(file):
+        for record in part.records if isinstance(part, IntactPart) else ():
+            if isinstance(record, Message) and record.channel_id in found:
+                yield found[record.channel_id], record
+
+
 def _raw(topic: str, index: int, message: Message) -> RawMessage:
     return RawMessage(topic=topic, index=index, log_time_ns=message.log_time, data=message.data)
 
 
-def _damage_text(error: _DamageError, file: Path, counts: Counter[str]) -> str:
+def _damage_text(error: _DamageError, file: Path) -> str:
+    counts = Counter(channel.topic for channel, _ in _intact(file))
     per_topic = ', '.join(f'{count} on {name}' for name, count in sorted(counts.items()))
     fault = 'is cut off' if is_cut_off(file) else f'is damaged ({error})'
     return (
-        f'{file}: the file {fault}; {counts.total()} messages can be read before that'
+        f'{file}: the file {fault}; {counts.total()} messages can be read'
         f'{f" ({per_topic})" if per_topic else ""}'
     )
 

@@ -10,8 +10,10 @@ to its last chunk. ``create_bag`` makes a new folder, which appears complete or 
 from collections.abc import Iterator
 from collections.abc import Mapping
 from contextlib import contextmanager
+from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import field
+import fcntl
 import os
 from pathlib import Path
 from typing import Any
@@ -181,7 +183,10 @@ class BagWriter:
             metadata.TopicMetadata(**{**vars(opened.metadata), 'count': opened.count})
             for opened in self._topics.values()
         ]
-        info = metadata.bag_information(FILE_NAME, topics, *(self._span_ns or (0, 0)))
+        start_ns, end_ns = self._span_ns or (0, 0)
+        count = sum(topic.count for topic in topics)
+        file = metadata.FileMetadata(name=FILE_NAME, start_ns=start_ns, end_ns=end_ns, count=count)
+        info = metadata.bag_information([file], topics)
         path = self.folder / FILE_NAME
         with self._named_errors():
             # rosbag2 reads a file without its folder by this record
@@ -211,9 +216,13 @@ class BagWriter:
         with self._named_errors():
             try:
                 # mode x: a bag that was cut off by a crash holds a scan as well
-                return path.open('xb')
+                stream = path.open('xb')
             except FileExistsError:
                 raise FileError(f'{path}: exists already and is not overwritten') from None
+            # a repair must not take the recording away; some file systems have no locks
+            with suppress(OSError):
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return stream
 
     def _open_topic(
         self, topic: str, msgtype: str, definition: str | None, latched: bool
@@ -242,7 +251,7 @@ class BagWriter:
     def _schema(self, msgtype: str, text: str) -> int:
         key = msgtype, text
         if key not in self._schemas:
-            self._schemas[key] = self._mcap.add_schema(msgtype, text)
+            self._schemas[key] = self._mcap.add_schema(msgtype, text.encode())
         return self._schemas[key]
 
     @contextmanager

@@ -35,6 +35,7 @@ _VELOCITY_WINDOW_NS = 100_000_000
 # Reasons why the positions at a time are not used.
 CONTRADICTORY = 'table positions contradict each other'
 TOO_FAST = 'table faster than 10 rad/s'
+GAP = 'table positions missing'
 
 # A position is stray if the table would have to leave and return faster than this acceleration,
 # rad/s^2 (turntables reach 10), and further than twice the jitter of a driver that interpolates
@@ -59,6 +60,11 @@ _COMPARISON_WINDOW_NS = 300_000_000
 _MIN_COMPARED_MESSAGES = 5
 _MAX_VELOCITY_ERROR = 0.5
 _POSITION_JITTER = 0.02
+# No position is interpolated between two messages that are further apart than this, nanoseconds,
+# unless the table stands still or the reported velocities, to this share, are those of the motion
+# between them: it may have stopped and started meanwhile.
+_MAX_GAP_NS = 1_000_000_000
+_MAX_GAP_VELOCITY_ERROR = 0.05
 # A message whose stamp is this near to an image's stamp, nanoseconds, was sent for the image.
 _SAME_STAMP_NS = 1_000_000
 
@@ -180,6 +186,8 @@ class JointHistory:
         strays = _count_between(self._stray_stamps_ns, *window)
         if strays and _are_many(strays, _count_between(self.stamps_ns, *window)):
             return CONTRADICTORY
+        if self._is_in_gap(stamp_ns):
+            return GAP
         begin = bisect_left(self.stamps_ns, stamp_ns - _SPEED_WINDOW_NS // 2)
         end = bisect_right(self.stamps_ns, stamp_ns + _SPEED_WINDOW_NS // 2)
         if end - begin < _MIN_SPEED_MESSAGES:
@@ -192,6 +200,21 @@ class JointHistory:
             for (a, b), (since, until) in legs
         )
         return TOO_FAST if is_fast else ''
+
+    def _is_in_gap(self, stamp_ns: int) -> bool:
+        """Tell whether a stamp is in a pause of the messages, and the motion in it is unknown."""
+        after = bisect_left(self.stamps_ns, stamp_ns)
+        if not 0 < after < len(self.stamps_ns):
+            return False
+        since, until = self.stamps_ns[after - 1], self.stamps_ns[after]
+        is_near = min(stamp_ns - since, until - stamp_ns) <= EXTRAPOLATION_NS
+        moved = self._positions[after] - self._positions[after - 1]
+        if until - since <= _MAX_GAP_NS or is_near or abs(moved) <= _MIN_STRAY_LEG:
+            return False
+        mean = moved * cdr.NANOSECONDS / (until - since)
+        ends = self._velocities[after - 1], self._velocities[after]
+        limit = _MAX_GAP_VELOCITY_ERROR * abs(mean)
+        return any(end is None or abs(end - mean) > limit for end in ends)
 
     def remarks(self, joint: str) -> tuple[str, ...]:
         """Return what was left out, for a person."""

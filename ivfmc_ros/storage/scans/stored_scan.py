@@ -31,7 +31,7 @@ from ivfmc_ros.storage.bag.summary import read_summary
 from ivfmc_ros.storage.bag.writer import FILE_NAME
 from ivfmc_ros.storage.bag.writer import PART_NAME
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
-from ivfmc_ros.storage.catalogue.catalogue import ProfileRow
+from ivfmc_ros.storage.catalogue.rows import ProfileRow
 from ivfmc_ros.storage.messages.point_clouds import to_profile
 
 # Opcode and content length of an MCAP record.

@@ -15,7 +15,7 @@ def stream(request):
     """File of two topics in two chunks, times not in order."""
     stream = io.BytesIO()
     writer = McapWriter(stream, compress=request.param)
-    schema = writer.add_schema('std_msgs/msg/Empty', '')
+    schema = writer.add_schema('std_msgs/msg/Empty', b'')
     a = writer.add_channel('/a', 'cdr', schema, {'k': 'v'})
     writer.add_message(a, 20, b'first' * 100, 0)
     writer.flush()

@@ -1,16 +1,41 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 import sqlite3
 import time
 
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
 import pytest
 
 from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.catalogue.catalogue import FILE_NAME
+from ivfmc_ros.storage.catalogue.schema import METADATA
+from ivfmc_ros.storage.catalogue.upgrade import HEAD
+from ivfmc_ros.storage.catalogue.upgrade import scripts
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 from ivfmc_ros.storage.recording.live_recorder import ProfileLocation
+
+VERSION_1 = """
+CREATE TABLE scans (scan_id VARCHAR PRIMARY KEY, part VARCHAR NOT NULL, recipe VARCHAR NOT NULL,
+  created VARCHAR NOT NULL, stage VARCHAR NOT NULL, code VARCHAR NOT NULL,
+  folder VARCHAR NOT NULL, parameters VARCHAR NOT NULL);
+CREATE INDEX ix_scans_part ON scans (part);
+CREATE INDEX ix_scans_created ON scans (created);
+CREATE TABLE views (scan_id VARCHAR REFERENCES scans (scan_id), view INTEGER,
+  laser INTEGER NOT NULL, profiles INTEGER NOT NULL, points INTEGER NOT NULL,
+  first_angle FLOAT NOT NULL, last_angle FLOAT NOT NULL, PRIMARY KEY (scan_id, view));
+CREATE TABLE profiles (scan_id VARCHAR REFERENCES scans (scan_id), seq INTEGER,
+  view INTEGER NOT NULL, laser INTEGER NOT NULL, angle FLOAT NOT NULL, points INTEGER NOT NULL,
+  stamp_ns BIGINT NOT NULL, topic VARCHAR NOT NULL, message INTEGER NOT NULL,
+  log_time_ns BIGINT NOT NULL, chunk_offset BIGINT NOT NULL, PRIMARY KEY (scan_id, seq));
+CREATE TABLE results (scan_id VARCHAR REFERENCES scans (scan_id), number INTEGER,
+  created VARCHAR NOT NULL, folder VARCHAR NOT NULL, summary VARCHAR NOT NULL,
+  PRIMARY KEY (scan_id, number));
+PRAGMA user_version = 1;
+"""
 
 
 def location(seq, view=0):
@@ -75,10 +100,18 @@ def test_two_writers_wait_for_each_other(catalogue):
     assert len(catalogue.profiles('s1')) == 40
 
 
-def test_profile_cannot_be_written_twice(catalogue):
+def test_repeated_update_adds_no_profile_twice(catalogue):
     catalogue.add_profiles('s1', [location(0)])
-    with pytest.raises(CatalogueError, match='UNIQUE'):
-        catalogue.add_profiles('s1', [location(0)])
+    catalogue.add_profiles('s1', [location(0), location(1)])
+    assert [row.seq for row in catalogue.profiles('s1')] == [0, 1]
+    assert catalogue.views('s1')[0].profiles == 2
+
+
+def test_another_profile_of_a_seq_is_refused(catalogue):
+    catalogue.add_profiles('s1', [location(0)])
+    other = replace(location(0), header=replace(location(0).header, stamp_ns=7))
+    with pytest.raises(CatalogueError, match='another profile 0'):
+        catalogue.add_profiles('s1', [other])
 
 
 def test_scan_cannot_be_written_twice(catalogue):
@@ -124,3 +157,71 @@ def test_read_only_catalogue_is_listed(tmp_path):
     assert [row.scan_id for row in Catalogue(tmp_path).scans()] == ['s1']
     assert time.monotonic() - begin < 5.0
     connection.close()
+
+
+def test_tables_are_those_of_the_migrations(catalogue):
+    assert scripts().get_current_head() == HEAD
+    with catalogue.database.read() as connection:
+        assert compare_metadata(MigrationContext.configure(connection), METADATA) == []
+
+
+@pytest.fixture
+def first_version(tmp_path):
+    """Catalogue as version 1 wrote it, with a scan of two profiles and a result."""
+    with sqlite3.connect(tmp_path / FILE_NAME) as connection:
+        connection.executescript(VERSION_1)
+        scan = ('s1', 'bracket', 'fine', '2026-11-23T10:00:00.000Z', 'DONE', 'OK', 's1')
+        connection.execute(
+            'INSERT INTO scans VALUES (?, ?, ?, ?, ?, ?, ?, ?)', (*scan, '{"profiles": 2}')
+        )
+        connection.execute("INSERT INTO views VALUES ('s1', 0, 1, 2, 20, 0.0, 0.1)")
+        for seq in range(2):
+            values = 's1', seq, 0, 1, 0.1 * seq, 10, 100 + seq, '/p', seq, 200 + seq, 64
+            connection.execute(f'INSERT INTO profiles VALUES ({", ".join("?" * 11)})', values)
+        connection.execute("INSERT INTO results VALUES ('s1', 0, '2026', 's1', '{}')")
+    return tmp_path
+
+
+def test_earlier_catalogue_is_upgraded_and_keeps_its_rows(first_version):
+    catalogue = Catalogue(first_version)
+    scan = catalogue.scan('s1')
+    assert (scan.part, scan.recipe, scan.code) == ('bracket', 'fine', 'OK')
+    assert scan.parameters == {'profiles': 2}
+    assert scan.folder == first_version / 's1'
+    assert [row.profiles for row in catalogue.views('s1')] == [2]
+    assert [row.stamp_ns for row in catalogue.profiles('s1')] == [100, 101]
+    assert len(catalogue.results('s1')) == 1
+    with catalogue.database.read() as connection:
+        assert compare_metadata(MigrationContext.configure(connection), METADATA) == []
+    catalogue.add_profiles('s1', [location(2)])
+    assert Catalogue(first_version).views('s1')[0].profiles == 3
+
+
+def test_catalogue_of_a_later_migration_is_refused_by_its_version(catalogue):
+    with catalogue.database.write() as connection:
+        connection.exec_driver_sql("UPDATE alembic_version SET version_num = '0099'")
+    with pytest.raises(CatalogueError, match=r'version 0099, this program reads up to 0002'):
+        Catalogue(catalogue.root)
+
+
+def test_processes_that_create_a_catalogue_at_once_make_one(tmp_path):
+    with ThreadPoolExecutor(4) as pool:
+        made = list(pool.map(lambda _: Catalogue(tmp_path, create=True), range(4)))
+    made[0].add_scan('s1', 'part', '', 'DONE', {})
+    assert [row.scan_id for row in made[3].scans()] == ['s1']
+
+
+def test_folder_of_the_scans_may_move(catalogue, tmp_path):
+    catalogue.add_result('s1', str(catalogue.root / 's1' / 'again'), {})
+    catalogue.close()
+    catalogue.root.rename(tmp_path / 'elsewhere')
+    moved = Catalogue(tmp_path / 'elsewhere')
+    assert moved.scan('s1').folder == tmp_path / 'elsewhere' / 's1'
+    assert moved.results('s1')[0].folder == tmp_path / 'elsewhere' / 's1' / 'again'
+
+
+@pytest.mark.parametrize('url', ['mysql://host/x', 'nonsense', 'mysql://user:secret@host/x'])
+def test_url_that_cannot_be_used_is_named_without_its_password(tmp_path, url):
+    with pytest.raises(CatalogueError) as caught:
+        Catalogue(tmp_path, url=url)
+    assert 'secret' not in str(caught.value)

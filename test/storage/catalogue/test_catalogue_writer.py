@@ -57,3 +57,13 @@ def test_close_does_not_wait_for_a_lock_without_limit(writer, lock):
     writer.add(lambda catalogue: catalogue.set_stage('s1', 'DONE'))
     writer.close()
     assert 'locked' in writer.error
+
+
+def test_rows_follow_after_close_when_the_database_is_back(writer, lock, tmp_path):
+    writer.add(lambda catalogue: catalogue.set_stage('s1', 'DONE'))
+    writer.close()
+    assert not writer.is_done
+    lock.rollback()
+    until(lambda: writer.is_done)
+    assert not writer.error
+    assert Catalogue(tmp_path).scan('s1').stage == 'DONE'

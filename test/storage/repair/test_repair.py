@@ -1,0 +1,196 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+import random
+import shutil
+
+import numpy as np
+import pytest
+from support.recordings import START
+from support.recordings import write_profiles
+
+from ivfmc_ros.errors import BagError
+from ivfmc_ros.errors import FileError
+from ivfmc_ros.storage.bag.reader import open_bag
+from ivfmc_ros.storage.bag.writer import BagWriter
+from ivfmc_ros.storage.messages.profile_header import ProfileHeader
+from ivfmc_ros.storage.repair import check_recording
+from ivfmc_ros.storage.repair import repair_recording
+
+PROFILE = '/ivfmc/profile'
+
+
+def all_messages(path, **options):
+    bag = open_bag(path, **options)
+    return [(raw.topic, raw.log_time_ns, raw.data) for raw in bag.messages(list(bag.topics))]
+
+
+def flip(path, offset):
+    data = bytearray(path.read_bytes())
+    data[offset] ^= 0x10
+    path.write_bytes(data)
+
+
+def chunk_middles(path):
+    """Return an offset inside of the data of each chunk."""
+    data, found = path.read_bytes(), []
+    position = data.find(b'\x04\0\0\0zstd')
+    while position >= 0:
+        found.append(position + 40)
+        position = data.find(b'\x04\0\0\0zstd', position + 1)
+    # the index names the compression of each chunk once more
+    return found[: len(found) // 2]
+
+
+@pytest.fixture
+def scan(tmp_path):
+    """Folder of a finished recording: 12 profiles of 2 views, 3 in a chunk."""
+    write_profiles(tmp_path / 's1', range(12), per_chunk=3)
+    return tmp_path / 's1'
+
+
+def test_sound_recording_is_left_as_it_is(scan):
+    before = {path.name: path.read_bytes() for path in scan.iterdir()}
+    repaired = repair_recording(scan)
+    assert repaired.before.is_sound
+    assert repaired.before.is_complete
+    assert repaired.before.lines() == []
+    assert repaired.written == ()
+    assert {path.name: path.read_bytes() for path in scan.iterdir()} == before
+
+
+def test_damaged_chunk_is_named_with_the_profiles_that_were_in_it(scan):
+    flip(scan / 'scan.mcap', chunk_middles(scan / 'scan.mcap')[1])
+    check = check_recording(scan)
+    assert not check.is_sound
+    assert check.messages == {PROFILE: 9}
+    assert check.lost == {PROFILE: 3}
+    [run] = check.missing
+    assert (run.first_seq, run.last_seq, run.views) == (3, 5, (0, 1))
+    assert (run.from_angle, run.to_angle) == (pytest.approx(0.2), pytest.approx(0.6))
+    assert 'profiles 3 to 5 (view 0 or 1, table angle 11.46 deg to 34.38 deg)' in str(run)
+    assert 'the CRC of a chunk is wrong' in ' '.join(check.lines())
+
+
+def test_repair_keeps_all_intact_chunks_and_the_original(scan):
+    original = (scan / 'scan.mcap').read_bytes()
+    whole = all_messages(scan)
+    flip(scan / 'scan.mcap', chunk_middles(scan / 'scan.mcap')[1])
+    damaged = (scan / 'scan.mcap').read_bytes()
+    assert damaged != original
+    repaired = repair_recording(scan)
+    assert all_messages(scan) == whole[:3] + whole[6:]
+    assert (scan / 'scan.mcap.damaged').read_bytes() == damaged
+    assert scan / 'scan.mcap.damaged' in repaired.kept
+    after = check_recording(scan)
+    assert after.is_sound
+    assert not after.is_complete
+    assert after.lost == {PROFILE: 3}
+    assert repair_recording(scan).written == ()
+
+
+def test_repaired_bag_is_read_by_other_software(scan):
+    rosbags = pytest.importorskip('rosbags.rosbag2')
+    flip(scan / 'scan.mcap', chunk_middles(scan / 'scan.mcap')[0])
+    repair_recording(scan)
+    with rosbags.Reader(scan) as reader:
+        assert len(list(reader.messages())) == 9
+
+
+def test_damage_says_what_the_catalogue_knows(scan):
+    flip(scan / 'scan.mcap', chunk_middles(scan / 'scan.mcap')[-1])
+    acknowledged = {
+        seq: ProfileHeader(seq=seq, view=1, laser=0, angle=0.1 * seq, points=1, stamp_ns=0)
+        for seq in range(12)
+    }
+    [run] = check_recording(scan, acknowledged, planned_views=3).missing
+    assert (run.first_seq, run.last_seq, run.views) == (9, 11, (1,))
+    assert run.to_angle == pytest.approx(1.1)
+    assert check_recording(scan, acknowledged, planned_views=3).missing_views == (2,)
+
+
+def test_interrupted_recording_becomes_a_bag(tmp_path):
+    folder = tmp_path / 's1'
+    write_profiles(folder, range(9), per_chunk=3, finish=False)
+    part = folder / 'scan.mcap.part'
+    part.write_bytes(part.read_bytes()[:-100])
+    content = part.read_bytes()
+    repaired = repair_recording(folder)
+    assert folder / 'scan.mcap' in repaired.written
+    assert part.read_bytes() == content
+    assert len(all_messages(folder)) == 6
+    assert check_recording(folder).is_sound
+
+
+def test_running_recording_is_not_repaired(tmp_path):
+    bag = BagWriter(tmp_path)
+    bag.joint_state(START, 'turntable_joint', 0.0)
+    bag.flush()
+    with pytest.raises(FileError, match='is being recorded'):
+        repair_recording(tmp_path)
+    bag.close()
+    assert repair_recording(tmp_path).written
+
+
+@pytest.mark.parametrize('text', [None, 'rosbag2_bagfile_information: [', '{}'])
+def test_metadata_is_rebuilt(scan, text):
+    whole = all_messages(scan)
+    if text is None:
+        (scan / 'metadata.yaml').unlink()
+    else:
+        (scan / 'metadata.yaml').write_text(text)
+    assert not check_recording(scan).is_sound
+    assert repair_recording(scan).written == (scan / 'metadata.yaml',)
+    assert check_recording(scan).is_sound
+    assert all_messages(scan) == whole
+
+
+def test_lying_metadata_is_named(scan):
+    path = scan / 'metadata.yaml'
+    path.write_text(path.read_text().replace('message_count: 12', 'message_count: 13'))
+    assert (
+        'states 13 messages of /ivfmc/profile, the files have 12' in check_recording(scan).metadata
+    )
+
+
+@pytest.mark.parametrize('seed', range(12))
+def test_flipped_bit_is_repaired_or_harmless(scan, seed):
+    path = scan / 'scan.mcap'
+    whole = set(all_messages(scan))
+    # the first bytes name the format
+    flip(path, random.Random(seed).randrange(8, path.stat().st_size))
+    lost = sum(check_recording(scan).lost.values())
+    repair_recording(scan)
+    left = all_messages(scan)
+    assert set(left) <= whole
+    assert len(left) == 12 - lost
+    assert len(left) >= 9
+
+
+@pytest.mark.parametrize('share', np.linspace(0.05, 0.999, 8))
+def test_cut_recording_is_repaired(scan, share):
+    path = scan / 'scan.mcap'
+    whole = all_messages(scan)
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    repair_recording(scan)
+    left = all_messages(scan)
+    assert left == whole[: len(left)]
+    assert len(left) % 3 == 0
+
+
+def test_split_bag_is_repaired_file_by_file(tmp_path):
+    first, second = tmp_path / 'a', tmp_path / 'b'
+    write_profiles(first, range(6), per_chunk=3)
+    write_profiles(second, range(6, 12), per_chunk=3)
+    shutil.move(first / 'scan.mcap', first / 'bag_0.mcap')
+    shutil.move(second / 'scan.mcap', first / 'bag_1.mcap')
+    (first / 'metadata.yaml').unlink()
+    flip(first / 'bag_1.mcap', chunk_middles(first / 'bag_1.mcap')[0])
+    repair_recording(first)
+    assert len(all_messages(first)) == 9
+    assert not (first / 'bag_0.mcap.damaged').exists()
+    assert check_recording(first).is_sound
+
+
+def test_folder_without_a_recording_is_named(tmp_path):
+    with pytest.raises(BagError, match='is not a bag'):
+        check_recording(tmp_path)
