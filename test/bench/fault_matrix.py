@@ -114,8 +114,11 @@ def _text(error: Exception) -> str:
 
 def figures(effects: Sequence[Effect]) -> Iterator[Number]:
     """Yield the figures of the matrix, the worst case of each in the note."""
-    noticed = [effect for effect in effects if effect.noticed]
+    noticed = [effect for effect in effects if effect.stopped]
     yield Number('real processes: faults', len(effects), '', at_least(40))
+    late = [one for one in effects if one.code != 'OK' and one.with_result]
+    note = ', '.join(sorted({f'{one.fault}: {one.code}' for one in late}))
+    yield Number('said with the result of the scan', len(late), '', note=note)
     yield _worst('detected after', noticed, lambda one: one.detected_s, _DETECTION_S)
     hazards = [one for one in noticed if one.hazard]
     yield _worst(
@@ -128,8 +131,8 @@ def figures(effects: Sequence[Effect]) -> Iterator[Number]:
         lambda one: one.beam_off_s - one.detected_s,
         _BEAM_S,
     )
-    late = max((one.beam_off_s for one in others if math.isfinite(one.beam_off_s)), default=0.0)
-    yield Number('beam off after another fault', late, 's', note='without a bar: no hazard')
+    slow = max((one.beam_off_s for one in others if math.isfinite(one.beam_off_s)), default=0.0)
+    yield Number('beam off after another fault', slow, 's', note='without a bar: no hazard')
     lost = sum(one.lost for one in effects)
     note = '; '.join(f'{one.fault} ({one.stage})' for one in effects if one.lost)
     yield Number('acknowledged profiles lost', lost, '', at_most(0), note)
@@ -173,6 +176,8 @@ def matrix_row(effect: Effect) -> list[str]:
         what = f'{what}, with a WRONG shape'
     if effect.lost:
         what = f'{what}; {effect.lost} acknowledged profiles LOST'
+    if effect.with_result and effect.code != 'OK':
+        what = f'{what} (said with the result)'
     if effect.down:
         what = f'{what}; the cell was taken down'
     seconds = (_seconds(effect.detected_s), _seconds(effect.beam_off_s))

@@ -72,6 +72,8 @@ class Effect(NamedTuple):
     next_code : of the next scan; 'OK' where it is good
     down : ``ivfmc up`` took the cell down
     repairs : what was done before the next scan
+    with_result : the scan ran to its end, and its result says what is wrong: a slip shows only
+        where surface is measured a second time
     """
 
     fault: str
@@ -86,11 +88,12 @@ class Effect(NamedTuple):
     down: bool = False
     repairs: str = ''
     hazard: bool = False
+    with_result: bool = False
 
     @property
-    def noticed(self) -> bool:
-        """Whether the scan did not end as OK."""
-        return self.code != 'OK'
+    def stopped(self) -> bool:
+        """Whether the fault ended the scan before its result."""
+        return self.code != 'OK' and not self.with_result
 
     @property
     def next_scan(self) -> str:
@@ -219,6 +222,7 @@ def observe(
         lost=cell.lost_profiles(scan_id, acknowledged),
         wrong=not ended and baselines.is_wrong(scan_id, request),
         down=not cell.running,
+        with_result=bool(found and found[1].get('mesh')),
     )
 
 

@@ -120,7 +120,9 @@ def run_sequence(cell: FaultCell, baselines: Baselines, sequence: Sequence) -> O
     _resume_if_paused(cell, scan_id)
     effect = observe(cell, baselines, scan_id, SHORT, start_s, begin_s)
     others = _others(cell, answers, scan_id)
-    states = {values.get('stage') for _, values in cell.client.states[-1000:]}
+    states = {
+        values.get('stage') for _, values in cell.client.states if values.get('scan_id') == scan_id
+    }
     wrong = [
         'no result was published' * (not effect.code),
         'OK without a word and a wrong shape' * (effect.wrong and not effect.detail),
