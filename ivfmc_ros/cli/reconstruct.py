@@ -10,6 +10,8 @@ import click
 
 from ivfmc_ros import files
 from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.cli.batch.run import make_jobs
+from ivfmc_ros.cli.batch.run import run_batch
 from ivfmc_ros.cli.support.output import console
 from ivfmc_ros.cli.support.output import json_option
 from ivfmc_ros.cli.support.output import print_json
@@ -32,7 +34,7 @@ from ivfmc_ros.storage.scans.stored_scan import load_profiles
 
 
 @click.command()
-@click.argument('source', metavar='BAG|SCAN_ID')
+@click.argument('sources', metavar='BAG|SCAN_ID...', nargs=-1, required=True)
 @source_options
 @click.option(
     '--camera',
@@ -40,26 +42,57 @@ from ivfmc_ros.storage.scans.stored_scan import load_profiles
     type=click.Path(path_type=Path),
     help='Camera calibration to use instead of the one in the bag.',
 )
+@click.option(
+    '--jobs',
+    type=click.IntRange(1, 1024),
+    default=1,
+    show_default=True,
+    help='Of several bags, reconstruct so many at once, each in a process.',
+)
+@click.option(
+    '--dask',
+    default='',
+    metavar='ADDRESS',
+    help='Reconstruct on a Dask cluster, such as tcp://host:8786, whose workers see the same '
+    'folders.',
+)
 @reconstruction_options
 @json_option
 def reconstruct(
-    source: str,
+    sources: tuple[str, ...],
     cell_path: Path | None,
     camera_path: Path | None,
     output: Path,
     root: Path,
+    jobs: int,
+    dask: str,
     as_json: bool,
     **options: Any,
 ) -> None:
     """
-    Rebuild a part.
+    Rebuild a part, or many.
 
     BAG is a bag folder, the folder of an interrupted scan, or an .mcap file; its pictures are
     measured again.
     SCAN_ID is a scan of the catalogue; its stored points are read from its bag.
+    Of several sources, each has a folder below the output; results that are there already are
+    kept, and one that fails does not end the others.
     """
     settings = settings_of(options)
     reading = BagOptions.of(options['roles'], options['salvage'], options['exposures'])
+    if len(sources) > 1 or jobs > 1 or dask:
+        made_jobs = make_jobs(
+            sources,
+            output,
+            settings,
+            reading,
+            root=root,
+            cell_path=cell_path,
+            camera_path=camera_path,
+        )
+        run_batch(made_jobs, processes=jobs, dask=dask, as_json=as_json)
+        return
+    [source] = sources
     files.require_new_folder(output)
     bag = bag_of(source)
     if bag is not None:

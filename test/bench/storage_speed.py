@@ -1,0 +1,63 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A long recording of raw pictures, and the time in which processes measure its profiles."""
+
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+import time
+
+import numpy as np
+
+from ivfmc_ros.cell.cell_file import save_cell
+from ivfmc_ros.simulation.bench import bench_cell
+from ivfmc_ros.simulation.parts.solids import demo_part
+from ivfmc_ros.simulation.render.renderer import simulate_scan
+from ivfmc_ros.storage.bag.writer import create_bag
+
+START = 1_700_000_000_000_000_000
+# Different pictures; rendering all of them would take longer than the measurement.
+_RENDERED = 24
+
+
+def write_scan(folder: Path, count: int, shape: tuple[int, int]) -> None:
+    cell = bench_cell()
+    if (cell.camera.height, cell.camera.width) != shape:
+        raise ValueError(f'the bench cell has other pictures than {shape}')
+    frames = simulate_scan(cell, demo_part(), _RENDERED, lasers=[0])
+    with create_bag(folder / 'bag', compress=False) as bag:
+        for number in range(count):
+            stamp = START + number * 20_000_000
+            bag.joint_state(stamp, cell.turntable.joint, 2.0 * np.pi * number / count)
+            bag.laser_state(stamp - 10_000_000, {cell.lasers[0].name: True})
+            bag.camera_info(stamp, cell.camera)
+            bag.image(stamp, frames[number * _RENDERED // count].image)
+    save_cell(folder / 'bag' / 'cell.yaml', cell)
+
+
+def measure(folder: Path, jobs: int) -> float:
+    """Return the seconds in which so many processes have measured the bag, each once."""
+    with ProcessPoolExecutor(jobs, mp_context=get_context('spawn')) as pool:
+        # the imports are not measured
+        list(pool.map(_warm, [folder] * jobs))
+        begin = time.perf_counter()
+        list(pool.map(_profiles, [folder] * jobs))
+        return time.perf_counter() - begin
+
+
+def _warm(folder: Path) -> None:
+    from ivfmc_ros import pipeline
+
+    time.sleep(0.5)
+    if not folder.exists() or not hasattr(pipeline, 'measure_profiles'):
+        raise FileNotFoundError(folder)
+
+
+def _profiles(folder: Path) -> int:
+    from ivfmc_ros.cli.support.source import BagOptions
+    from ivfmc_ros.cli.support.source import read_scan
+    from ivfmc_ros.pipeline import measure_profiles
+    from ivfmc_ros.pipeline import Settings
+
+    scan, cell = read_scan(folder / 'bag', None, None, BagOptions())
+    return len(measure_profiles(cell, scan.frames(), Settings()))
