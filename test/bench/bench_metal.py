@@ -30,7 +30,7 @@ SMOOTH = 'smooth aluminium'
 MAX_OFF = 0.01  # share of kept points off by more than 0.1 mm
 MAX_OFF_SMOOTH = 0.03  # the same on smooth aluminium, which mirrors
 OTHERS = {
-    'default of before': measures.BEFORE,
+    'glare off': measures.GLARE_OFF,
     'argmax': measures.ARGMAX,
     'center of mass': measures.MASS,
 }
@@ -76,7 +76,7 @@ def kept(material: str) -> Iterator[Number]:
         at_least(0.9),
         note('within_two_sigma', 1.0),
     )
-    visible = f'{ours.rows_visible.sum()} of {len(ours.rows_visible)}; '
+    visible = f'{ours.rows_visible.sum()} of {len(ours.rows_visible)} rows; '
     yield Number(
         f'{material}: lit rows found, one exposure',
         ours.found_of_all,
@@ -102,7 +102,7 @@ def clock() -> Number:
     seconds = {}
     factor = pictures.exposure(shots)
     frames = [next(pictures.frames(shot, factor)) for shot in shots]
-    ours, before = (measures.Product(shots, s) for s in (measures.DEFAULT, measures.BEFORE))
+    ours, before = (measures.Product(shots, s) for s in (measures.DEFAULT, measures.GLARE_OFF))
     for _ in range(ROUNDS):
         for name, product in (('on', ours), ('off', before)):
             start = time.process_time()

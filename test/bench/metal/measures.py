@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is compared: the default, that of before, the brightest pixel, the center of mass."""
+"""What is compared: the default, glare off, the brightest pixel, the center of mass."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,7 +16,7 @@ from ivfmc_ros.stripe.extract import ExtractSettings
 
 KEEP_ALL = 50.0  # max_error, max_uncertainty: drop nothing
 DEFAULT = ExtractSettings()
-BEFORE = ExtractSettings(glare='off')
+GLARE_OFF = ExtractSettings(glare='off')
 _NOTHING_DROPPED = {
     'glare': 'off',
     'path': False,

@@ -35,12 +35,14 @@ class Score:
     distance, sigma : (n,) meters, of kept points from the CAD, and as claimed
     rows_found, rows_visible : (m,) bool, of all directly lit rows of the part: whether one point
         lies on the stripe, and whether its direct light is above the noise in one exposure
+    crossings : of rows and stripe, more than rows where a row sees it on several surfaces
     """
 
     distance: Floats
     sigma: Floats
     rows_found: Bools
     rows_visible: Bools
+    crossings: int
 
     @staticmethod
     def pooled(scores: Iterable['Score']) -> 'Score':
@@ -48,7 +50,7 @@ class Score:
         names = ('distance', 'sigma', 'rows_found', 'rows_visible')
         scores = list(scores)
         joined = {name: np.concatenate([getattr(s, name) for s in scores]) for name in names}
-        return Score(**joined)
+        return Score(crossings=sum(s.crossings for s in scores), **joined)
 
     @property
     def share_off(self) -> float:
@@ -115,9 +117,13 @@ def _compared(shot: Shot, factor: float, profile: Profile) -> Score:
     width = direct.shape[1]
     column = np.clip(np.rint(places).astype(int), 1, width - 2)
     peak = np.max([direct[lines, column + k] for k in (-1, 0, 1)], axis=0)
+    # a row may cross the stripe on several surfaces; it gives one point
+    _, row_of = np.unique(lines, return_inverse=True)
+    counts = [np.bincount(row_of, weights=mask) for mask in (hit, peak > FAINT)]
     return Score(
         distance=distances(shot, profile.points_xyz),
         sigma=profile.sigma,
-        rows_found=np.array(hit, dtype=bool),
-        rows_visible=peak > FAINT,
+        rows_found=counts[0] > 0,
+        rows_visible=counts[1] > 0,
+        crossings=len(hit),
     )
