@@ -9,6 +9,7 @@ from ivfmc_ros.errors import BagError
 from ivfmc_ros.storage.matching.frame_matching import FrameMatcher
 from ivfmc_ros.storage.matching.frame_matching import MatchSettings
 from ivfmc_ros.storage.matching.joint_history import CONTRADICTORY
+from ivfmc_ros.storage.matching.joint_history import GAP
 from ivfmc_ros.storage.matching.joint_history import JointHistory
 from ivfmc_ros.storage.matching.joint_history import TOO_FAST
 from ivfmc_ros.storage.messages import sensor_messages
@@ -132,3 +133,47 @@ def test_homing_that_sets_the_position_anew_is_no_stray():
         history.add(index * STEP, 2.0 if index < 25 else 0.0, 0.0)
     assert history.strays == 0
     assert history.position_at(40 * STEP) == 0.0
+
+
+def with_pause(seconds, velocity, after=0.0):
+    """Return joint states with a pause from second 4; the table has moved on by ``after`` rad."""
+    kept = [index for index in range(COUNT) if not 200 <= index < 200 + int(50 * seconds)]
+    return [
+        sensor_messages.joint_state(
+            index * STEP,
+            {JOINT: true_angle(index * STEP) + (after if index > 200 else 0.0)},
+            velocity,
+        )
+        for index in kept
+    ]
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'velocity', 'after', 'reason'),
+    [
+        # the velocity at both ends is that of the motion between them
+        (3.0, SPEED, 0.0, ''),
+        # not reported: the table may have stood still meanwhile
+        (3.0, None, 0.0, GAP),
+        (3.0, SPEED, 0.2, GAP),
+        (0.8, None, 0.0, ''),
+    ],
+)
+def test_position_in_a_pause_is_used_only_where_the_motion_is_known(
+    seconds, velocity, after, reason
+):
+    history = JointHistory.from_messages(with_pause(seconds, velocity, after), JOINT, 'x')
+    middle = int((4.0 + seconds / 2) * SECOND)
+    assert history.fault_at(middle) == reason
+    assert history.fault_at(3 * SECOND) == history.fault_at(9 * SECOND) == ''
+    # near a message the position follows from it
+    assert history.fault_at(4 * SECOND + SECOND // 10) == ''
+
+
+def test_table_at_rest_is_known_through_a_pause():
+    states = [
+        sensor_messages.joint_state(second * SECOND, {JOINT: 0.5}, None)
+        for second in (0, 1, 9, 10)
+    ]
+    history = JointHistory.from_messages(states, JOINT, 'x')
+    assert history.fault_at(5 * SECOND) == ''
