@@ -79,10 +79,10 @@ def test_what_is_published_is_in_the_bag_and_the_catalogue(client, scan, tmp_pat
     # a foreign driver, best effort
     joints = client.publisher(JointState, 'joint_states', qos.best_effort(10))
     recorded = client.collect(UInt64, 'recorded')
-    ready(client, profiles, images, joints)
-    client.spin(0.6)  # the recorder adapts to the QoS of the publishers
     success, answer = client.trigger('recorder/start')
     assert success, answer
+    ready(client, profiles, images, joints)
+    client.spin(0.6)  # the recorder adapts to the QoS of the publishers
     for seq in range(5):
         images.publish(Image(height=2, width=3, step=3, encoding='mono8', data=bytes(6)))
         joints.publish(JointState(name=['turntable_joint'], position=[0.1 * seq]))
@@ -126,7 +126,7 @@ def test_locked_catalogue_delays_no_message_and_loses_no_row(client, scan, tmp_p
 
 def test_nothing_is_written_before_start_and_after_stop(client, scan):
     joints = client.publisher(JointState, 'joint_states')
-    ready(client, joints)
+    client.spin(0.6)
     joints.publish(JointState(name=['a'], position=[0.0]))
     client.spin(0.3)
     client.trigger('recorder/start')

@@ -119,6 +119,7 @@ def test_stripe_on_the_platter_gives_the_scale(cell):
         picture=np.zeros(200, int),
         uv=np.zeros((200, 2)),
         platter_points=platter_points,
+        pixel_sigma=np.array([0.1]),
     )
     by_markers = calibrated(cell, views)
     result = calibrated(cell, views, stripes)
