@@ -250,6 +250,11 @@ def test_invalid_parameters_are_rejected_by_name(client, cell_file, tmp_path):
             key = name.replace('__', '.').split('.')[-1]
             assert key in answer.reason or 'none.yaml' in answer.reason
         assert client.set('triangulator', view=[0, 1], motion='step').successful
+        # a dark frame belongs to one exposure
+        assert client.set('triangulator', exposures=3).successful
+        answer = client.set('triangulator', subtract_dark=True)
+        assert not answer.successful
+        assert 'exposures' in answer.reason
 
 
 def test_step_motion_measures_each_standstill_once(client, inputs, cell_file, frames):

@@ -42,7 +42,7 @@ def declare(node: ParameterNode) -> Callable[[], AcquisitionSettings]:
     """
     _declare_matching(node)
     _declare_timing(node)
-    node.check(_require_views)
+    node.check(_require_matching)
     # no space_time.*: it needs images that a live scan has not taken yet
     only = ('extract.', 'volume.', 'noise_')
     return node.settings(AcquisitionSettings(), ranges=_RANGES, only=only)
@@ -147,6 +147,8 @@ def match_settings(values: Callable[[str], Any], lasers: Sequence[str]) -> Match
     )
 
 
-def _require_views(values: Mapping[str, Any]) -> None:
+def _require_matching(values: Mapping[str, Any]) -> None:
     if 'view' in values:
         MatchSettings(views=tuple(values['view'] or ()))
+    if 'exposures' in values and 'subtract_dark' in values:
+        MatchSettings(exposures=values['exposures'], dark=values['subtract_dark'])
