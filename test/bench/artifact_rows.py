@@ -22,10 +22,10 @@ from ivfmc_ros.acceptance.artifact import parse_artifact
 from ivfmc_ros.acceptance.certificate import write_certificate
 from ivfmc_ros.acceptance.check import Check
 from ivfmc_ros.acceptance.check import check_artifact
+from ivfmc_ros.acceptance.points import measured_points
 from ivfmc_ros.acceptance.record import check_document
 from ivfmc_ros.cell.calibration_id import calibration_id
 from ivfmc_ros.cell.cell import Cell
-from ivfmc_ros.meshing.geometry.normals import vertex_normals
 from ivfmc_ros.model import Profile
 from ivfmc_ros.pipeline import reconstruct_profiles
 from ivfmc_ros.simulation.bench import bench_cell
@@ -84,9 +84,8 @@ def ball_bar_check(cell: Cell) -> Check:
             profiles.append(_profile(cell, job.laser, stripe, float(angle), seq))
             seq += 1
     made = reconstruct_profiles(cell, profiles)
-    vertices, faces = made.mesh.vertices_xyz, made.mesh.faces
     artifact = parse_artifact(ARTIFACT, u=0.5e-6)
-    return check_artifact(artifact, vertices, vertex_normals(vertices, faces), cell=cell)
+    return check_artifact(artifact, *measured_points(made.mesh), cell=cell)
 
 
 def _profile(cell: Cell, laser: int, stripe: Stripe, angle: float, seq: int) -> Profile:

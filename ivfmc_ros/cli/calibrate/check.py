@@ -15,6 +15,7 @@ from ivfmc_ros.acceptance.certificate import write_certificate
 from ivfmc_ros.acceptance.check import Check
 from ivfmc_ros.acceptance.check import check_artifact
 from ivfmc_ros.acceptance.check import Limits
+from ivfmc_ros.acceptance.points import measured_points
 from ivfmc_ros.acceptance.record import check_document
 from ivfmc_ros.acceptance.record import write_record
 from ivfmc_ros.acceptance.state import record_path
@@ -40,7 +41,6 @@ from ivfmc_ros.inspection.verdict import PASS
 from ivfmc_ros.meshing.geometry.normals import vertex_normals
 from ivfmc_ros.meshing.io.export import UNITS
 from ivfmc_ros.model import Floats
-from ivfmc_ros.model import Ints
 from ivfmc_ros.pipeline import reconstruct
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 
@@ -101,11 +101,11 @@ def check(
         expansion=given['expansion'],
     )
     files.require_new_folder(output)
-    vertices, faces, cell = _surface(source, given)
+    points, normals, cell = _points(source, given)
     result = check_artifact(
         artifact,
-        vertices,
-        vertex_normals(vertices, faces),
+        points,
+        normals,
         limits=limits,
         conditions=conditions,
         cell=cell,
@@ -121,18 +121,19 @@ def check(
         sys.exit(_EXIT_CODES.get(result.verdict, _UNDECIDED))
 
 
-def _surface(source: Path, given: dict[str, Any]) -> tuple[Floats, Ints, Cell | None]:
-    """Return vertices and faces of the scan, and the cell if it is known."""
+def _points(source: Path, given: dict[str, Any]) -> tuple[Floats, Floats, Cell | None]:
+    """Return points and normals of the scan, and the cell if it is known."""
     if not source.exists():
         raise FileError(f'{source}: no mesh, bag or scan folder of this name')
     cell_file, camera_file = given['cell_file'], given['camera_file']
     if source.suffix.lower() in SUFFIXES:
         body = read_mesh(source, given['unit'])
-        return body.vertices_xyz, body.faces, _cell(cell_file, camera_file)
+        normals = vertex_normals(body.vertices_xyz, body.faces)
+        return body.vertices_xyz, normals, _cell(cell_file, camera_file)
     scan, cell = read_scan(source, cell_file, camera_file, BagOptions())
     with progress_bars() as progress:
         made = reconstruct(cell, scan.frames(), total=scan.frame_count, progress=progress)
-    return made.mesh.vertices_xyz, made.mesh.faces, cell
+    return *measured_points(made.mesh), cell
 
 
 def _cell(cell_file: Path | None, camera_file: Path | None) -> Cell | None:
