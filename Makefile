@@ -25,11 +25,11 @@ LIBRARIES := \
 BY_FILE := --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help env test demo bench faults docs docs-check reference figures pictures clean distclean
+.PHONY: help env test test-slow demo bench faults docs docs-check reference figures pictures clean distclean
 
 help:
 	@echo 'make env     build $(VENV) with all that tests and demo need (PYTHON=$(PYTHON))'
-	@echo 'make test    linters, types, documentation and tests'
+	@echo 'make test    linters, types, documentation and tests; make test-slow: the longest ones'
 	@echo 'make demo    scan the demo part in a simulated cell into build/demo'
 	@echo 'make bench   measure figures into build/bench; NAME=stripe: one group'
 	@echo 'make faults  cause faults in scans and in a cell of real processes; about an hour'
@@ -55,8 +55,12 @@ test: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(MAKE) --no-print-directory docs-check
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m 'not alone' -n 2 $(BY_FILE)
-	$(BIN)/python -m pytest -m alone
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m 'not alone and not slow' -n 2 $(BY_FILE)
+	$(BIN)/python -m pytest -m 'alone and not slow'
+
+# Long variants of tests, and the stories of README that live in real time.
+test-slow: $(READY)
+	$(BIN)/python -m pytest -m slow
 
 demo: $(READY)
 	$(BIN)/ivfmc demo -o build/demo

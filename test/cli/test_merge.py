@@ -51,6 +51,7 @@ def test_two_scans_become_one_mesh(tmp_path, monkeypatch):
         assert (tmp_path / 'out' / name).stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_an_ambiguous_part_leaves_no_folder(tmp_path, monkeypatch):
     retrieving(monkeypatch, box((0.044, 0.030, 0.060)))
     answer = run('up', 'down', '-o', tmp_path / 'out')

@@ -62,6 +62,7 @@ def test_a_bag_becomes_a_mesh(folder):
         assert (folder / 'rebuilt' / name).stat().st_size > 0
 
 
+@pytest.mark.slow
 def test_the_bag_goes_through_the_nodes(folder):
     if not (folder / 'recorded').exists():
         paste('replay', folder)
@@ -69,6 +70,7 @@ def test_the_bag_goes_through_the_nodes(folder):
     assert (folder / 'rebuilt_by_nodes' / 'mesh.stl').stat().st_size > 0
 
 
+@pytest.mark.slow
 def test_a_cell_controller_scans(folder, start):
     start('--simulate', '--set', 'mesher.mesh.voxel=0.001')
     printed = paste('controller', folder)

@@ -88,6 +88,7 @@ def test_turn_that_a_round_part_does_not_constrain_is_named():
     assert '(0.00, 0.00, 1.00) through (0.0, 0.0, 0.0) mm' in str(refused.value)
 
 
+@pytest.mark.slow
 def test_holes_constrain_a_turn_that_nothing_else_does():
     # the flat and the keyway lie below
     place = lying(demo_part(), 11)
@@ -102,6 +103,7 @@ def test_holes_constrain_a_turn_that_nothing_else_does():
     assert merged.placings[1].sigma < 5e-5
 
 
+@pytest.mark.slow
 def test_regular_bolt_circle_does_not_constrain_the_turn():
     bolts = [circle(0.0045, center)[::-1] for center in 0.040 * np.array(BOLTS)]
     flange = Layer(low=0.0, high=0.012, bottom=[circle(0.052), *bolts])
