@@ -126,7 +126,7 @@ def _attributes(
     """Return what is known of the vertices and quads of the closed surface."""
     blocks = sums.blocks
     indices = blocks.flat_indices(surface.cells)
-    counts, light, weights, systematic, noise = sums.blur.sum_neighborhoods(sums.counts, indices).T
+    counts, light, weights, systematic = sums.blur.sum_neighborhoods(sums.counts, indices).T
     seen = touched = counts > 0.5
     if len(sums.orphans):
         ones = np.ones((len(sums.orphans), 1), dtype=np.float32)
@@ -135,8 +135,7 @@ def _attributes(
     level = None if floor is None else (floor - blocks.grid.origin[2]) / blocks.grid.voxel
     weight = weight.reshape(-1).take(np.maximum(indices, 0))
     with np.errstate(invalid='ignore', divide='ignore'):
-        # the weights contain systematic errors, which do not average out
-        sigma = np.sqrt(_MEAN_KERNEL / (weight * sums.mean_weight) * noise / weights)
+        sigma = np.sqrt(_MEAN_KERNEL / (weight * sums.mean_weight))
         intensity = light / counts
         # errors that the samples share do not average out: a linear mean
         systematic = systematic / weights if sums.systematic_known else np.nan * weights

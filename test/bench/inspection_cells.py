@@ -26,6 +26,8 @@ from ivfmc_ros.model import Floats
 
 CELLS, SEED = 100, 29
 NOISE = 0.02e-3  # meters, 1 sigma of a point
+# Sets of noise from which the uncertainty due to it is computed.
+_REPLICATES = 25
 _MIN_FACING = 0.2  # cosine of a normal to the line of sight of a measured point
 _SPHERES = ((0.035, 0.0, 0.060), (-0.035, 0.0, 0.060))
 _SPHERE_RADIUS, _OUTER, _INNER, _HOLE = 0.010, 0.050, 0.020, 0.008
@@ -196,7 +198,8 @@ def errors(believed: Cell, seen: dict[str, Shape]) -> dict[str, tuple[float, flo
     points = np.concatenate([seen[name].points for name in names])
     normals = np.concatenate([seen[name].normals for name in names])
     modes = calibration_modes(believed, points, normals)
-    rng = np.random.default_rng(0)
+    # other noise for each cell
+    rng = np.random.default_rng(int(abs(points[0, 0]) * 1e12))
 
     def split(xyz: Floats) -> dict[str, Floats]:
         pieces = zip(names, places[:-1], places[1:], strict=True)
@@ -208,7 +211,7 @@ def errors(believed: Cell, seen: dict[str, Shape]) -> dict[str, tuple[float, flo
         calibration = modes.propagate(lambda xyz, m=measure: m(split(xyz)), points)
         noisy = [
             measure(split(points + rng.normal(scale=NOISE, size=(len(points), 1)) * normals))
-            for _ in range(8)
+            for _ in range(_REPLICATES)
         ]
         found[name] = value - truth, float(np.hypot(calibration, np.std(noisy, ddof=1)))
     return found

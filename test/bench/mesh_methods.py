@@ -267,7 +267,6 @@ def bumpy_ball(count: int) -> SurfaceSamples:
         weight=np.full(count, 1e10),
         intensity=np.full(count, 100.0),
         systematic=np.zeros(count),
-        noise_share=np.ones(count),
     )
 
 

@@ -77,7 +77,6 @@ def attach_orphan_points(
         to_camera=samples.to_camera[chosen],
         weight=_WEIGHT * samples.weight[chosen],
         intensity=samples.intensity[chosen],
-        noise_share=samples.noise_share[chosen],
         # a point without neighbors in its view is at the end of a stripe
         systematic=np.maximum(samples.systematic[chosen], _SYSTEMATIC_SIGMAS * sigma),
         orphans_xyz=queries[is_orphan & ~good],

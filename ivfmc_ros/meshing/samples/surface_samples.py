@@ -24,9 +24,6 @@ from ivfmc_ros.model import Ints
 # The error of a point lies in the light sheet. Where the surface does too, this share of it is
 # taken to remain along the normal.
 _MIN_NORMAL_SHARE = 0.3
-# Systematic error that counts in the weight of a sample at most, in sigmas of its noise: samples
-# that weigh much less than others leave gaps where there are no others.
-_MAX_SYSTEMATIC_NOISES = 5.0
 # Greatest number of segments into which a step between two columns is divided.
 _MAX_SEGMENTS = 20
 # Between normals that differ by less than this (cosine; 37 degrees) a curve is interpolated, and
@@ -47,8 +44,7 @@ class SurfaceSamples:
         the point that they follow
     intensity : (n,) gray values
     systematic : (n,) meters, 1 sigma of the error along the normal that neighboring samples share;
-        NaN where unknown; it is contained in ``weight``
-    noise_share : (n,) share of the noise in the variance, from 0 to 1
+        NaN where unknown
     orphans_xyz : (k, 3) meters, orphan points: measured points without a normal
     """
 
@@ -58,7 +54,6 @@ class SurfaceSamples:
     weight: Floats
     intensity: Floats
     systematic: Floats
-    noise_share: Floats
     orphans_xyz: Floats = attribute(default_factory=lambda: np.empty((0, 3)))
 
     def __len__(self) -> int:
@@ -92,7 +87,7 @@ def sample_grid(grid: RangeGrid, max_edge: float | None, voxel: float) -> Surfac
     points = grid.points_xyz
     with np.errstate(invalid='ignore'):
         known = np.isfinite(normals[..., 0])
-    weight, noise_share = _weights(grid, normals, np.nan_to_num(systematic))
+    weight = _weights(grid, normals)
     connected = right & known & np.roll(known, -1, axis=1)
     steps = _ColumnSteps.of(grid, connected, voxel)
     weight[steps.row, steps.column] /= steps.segments
@@ -103,10 +98,9 @@ def sample_grid(grid: RangeGrid, max_edge: float | None, voxel: float) -> Surfac
         weight=weight[known],
         intensity=grid.intensity[known],
         systematic=systematic[known],
-        noise_share=noise_share[known],
         orphans_xyz=points[~known & np.isfinite(points[..., 0])],
     )
-    values = _PointValues(weight=weight, systematic=systematic, noise_share=noise_share)
+    values = _PointValues(weight=weight, systematic=systematic)
     return merge_samples([measured, *_interpolated(grid, normals, values, steps)])
 
 
@@ -149,22 +143,18 @@ def _tangents(points: Floats, connected: Bools, axis: int, max_steps: int) -> Fl
     return np.asarray(ahead - behind)
 
 
-def _weights(grid: RangeGrid, normals: Floats, systematic: Floats) -> tuple[Floats, Floats]:
+def _weights(grid: RangeGrid, normals: Floats) -> Floats:
     """
-    Return 1/sigma^2 along the normal, less where the incidence is oblique, and the noise's share.
+    Return (rows, columns) 1/sigma^2 along the normal, reduced where the incidence is oblique.
 
-    systematic : (rows, columns) meters, 1 sigma along the normal
-    returns : (rows, columns) 1/meter^2; and the share of the noise in sigma^2
-
-    There the stripe is wide, and distorted near edges of the surface.
+    There the stripe is wide, and distorted near edges of the surface. The systematic error does
+    not count: the mesh of the demo part was worse with it (rms 0.0192 instead of 0.0187 mm).
     """
     facing = np.clip((normals * grid.to_camera).sum(axis=2), 0.0, 1.0)
     error = grid.to_camera if grid.error_direction is None else grid.error_direction
     share = np.maximum(np.abs((normals * error).sum(axis=2)), _MIN_NORMAL_SHARE)
     with np.errstate(invalid='ignore', divide='ignore'):
-        noise = (grid.sigma * share) ** 2
-        variance = noise + np.minimum(systematic**2, _MAX_SYSTEMATIC_NOISES**2 * noise)
-        return np.asarray((0.05 + facing) / variance), np.asarray(noise / variance)
+        return np.asarray((0.05 + facing) / (grid.sigma * share) ** 2)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -173,7 +163,6 @@ class _PointValues:
 
     weight: Floats
     systematic: Floats
-    noise_share: Floats
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -240,5 +229,4 @@ def _interpolate(
         weight=values.weight[here],
         intensity=(1.0 - share) * grid.intensity[here] + share * grid.intensity[there],
         systematic=np.maximum(values.systematic[here], values.systematic[there]),
-        noise_share=values.noise_share[here],
     )

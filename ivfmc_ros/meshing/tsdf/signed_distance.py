@@ -50,9 +50,8 @@ class SampleSums:
     indices : (n,) flat indices of these voxels, ascending
     planes : (n, 8) float32, sums of weight (1), weight * n.p (1), weight * n (3) and weight * p
         (3), with p in voxels and weights divided by ``mean_weight``
-    counts : (n, 5) float32, number of samples, and sums of their intensities, of their weights
-        divided by ``mean_weight``, of these times the systematic sigma in meters, and of these
-        times the share of the noise
+    counts : (n, 4) float32, number of samples, and sums of their intensities, of their weights
+        divided by ``mean_weight``, and of these times the systematic sigma in meters
     orphans : (k,) flat indices of voxels that contain orphan points, ascending
     mean_weight : 1/meter^2, of all samples
     systematic_known : all samples have a systematic sigma
@@ -90,7 +89,6 @@ def accumulate(grid: VoxelGrid, samples: SurfaceSamples) -> SampleSums:
             samples.intensity,
             weight,
             weight * np.nan_to_num(samples.systematic),
-            weight * samples.noise_share,
         ],
         axis=1,
     ).astype(np.float32)

@@ -29,7 +29,6 @@ def plane():
         weight=np.full(800, 1e9),
         intensity=np.full(800, 50.0),
         systematic=np.zeros(800),
-        noise_share=np.ones(800),
     )
 
 
