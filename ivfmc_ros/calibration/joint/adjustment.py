@@ -43,6 +43,9 @@ _MAX_ITERATIONS = 40
 # cost by more than a smaller one would.
 _CONVERGED = 1e-7
 _MAX_DAMPING = 1e8
+# Pictures per common parameter from which the cluster-robust covariance is used: its rank is at
+# most the number of pictures.
+_MIN_PICTURES_PER_PARAMETER = 1.5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -242,7 +245,11 @@ def _sandwich(bread: Floats, scores: Floats, before: Floats) -> Floats:
     before : (free, free) information that comes from no picture
     """
     pictures, parameters = scores.shape
-    correction = pictures / max(pictures - parameters, 1)
+    if pictures < _MIN_PICTURES_PER_PARAMETER * parameters:
+        # too few to tell the errors of one direction from those of another: one factor for all
+        dispersion = float(np.mean(np.einsum('np,pq,nq->n', scores, bread, scores)))
+        return np.asarray(bread * max(1.0, dispersion * pictures / parameters))
+    correction = pictures / (pictures - parameters)
     sandwich = bread @ (scores.T @ scores * correction + before) @ bread
     # few pictures give a sandwich that is too small: the mean ratio to the model is at least 1
     scale = np.sqrt(np.maximum(np.diag(bread), 1e-300))

@@ -16,6 +16,7 @@ from ivfmc_ros.calibration.joint.observability import WeakDirection
 from ivfmc_ros.calibration.joint.observability import worst_point_sigma
 from ivfmc_ros.calibration.joint.observations import JointObservations
 from ivfmc_ros.calibration.joint.parameters import JointState
+from ivfmc_ros.calibration.joint.parameters import ParameterOrder
 from ivfmc_ros.calibration.joint.prior import Prior
 from ivfmc_ros.calibration.joint.residuals import PictureResiduals
 from ivfmc_ros.calibration.joint.start import free_of
@@ -33,6 +34,9 @@ from ivfmc_ros.cell.volume import Volume
 from ivfmc_ros.errors import CalibrationError
 from ivfmc_ros.model import Floats
 
+# Meters between a stripe and where it should lie, from which a picture is refused: a bent board is
+# off by 1 mm.
+_MAX_STRIPE = 5e-3
 # What the pictures never determine, whatever they show.
 _NEVER_OBSERVED = (
     'scale: a picture has no length; it comes from the squares of the board alone',
@@ -95,6 +99,7 @@ def result_of(
     where: str = 'pictures',
 ) -> JointCalibration:
     """Adjust, and return the cell with its covariances; errors as ``calibrate_jointly``."""
+    _require_stripes_fit(problem, start, where)
     adjusted = problem.solve(start)
     if not adjusted.converged:
         raise CalibrationError(
@@ -111,6 +116,23 @@ def result_of(
         worst_point_u=worst_point_sigma(adjusted, covariance, Volume()),
         unobserved=_unobserved(weak_directions(adjusted), scale_u),
     )
+
+
+def _require_stripes_fit(problem: JointProblem, start: JointState, where: str) -> None:
+    """:raises CalibrationError: a stripe lies elsewhere than on its plane and its surface."""
+    seen = problem.observations
+    found = problem.residuals(start, ParameterOrder.of(start))
+    named = [(seen.pictures[number].name, part) for number, part in found.board_stripes]
+    stripes = [one.name for one in seen.platter_stripes]
+    named += list(zip(stripes, found.platter_stripes, strict=True))
+    off = {name: float(np.median(np.abs(part.values))) for name, part in named}
+    wrong = sorted((name for name in off if off[name] > _MAX_STRIPE), key=lambda n: -off[n])
+    if wrong:
+        raise CalibrationError(
+            f'{where}: {wrong[0]}: its stripe is {off[wrong[0]] * 1e3:.1f} mm off the laser plane '
+            f'or the platter, as are {len(wrong) - 1} more; sort out pictures in which the stripe '
+            'lies on something else, or is of another laser'
+        )
 
 
 def _with_x_towards_camera(state: JointState) -> JointState:

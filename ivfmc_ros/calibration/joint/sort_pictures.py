@@ -33,6 +33,7 @@ from ivfmc_ros.progress import no_progress
 from ivfmc_ros.progress import Progress
 
 _WORD = re.compile(r'[^a-z0-9]+')
+_PLATTER_WORDS = ('platter', 'table')  # in names of pictures of the platter
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -85,7 +86,7 @@ def sort_pictures(
 
 
 def _laser_of(path: Path, lasers: Mapping[str, Sequence[str]]) -> str | None:
-    words = set(_WORD.split(f'{path.parent.name}_{path.stem}'.lower()))
+    words = _words_of(path)
     named = [name for name, own in lasers.items() if words & {word.lower() for word in own}]
     if len(named) > 1:
         raise CalibrationError(
@@ -100,8 +101,7 @@ def _shows_target(target: Target, image: Image, board: Board, path: Path) -> boo
         return bool(find_markers(target, image))
     if str(target) == str(board):
         # the same board is held by hand and lies on the platter: the name says which
-        words = _WORD.split(f'{path.parent.name}_{path.stem}'.lower())
-        return bool({'platter', 'table'} & set(words))
+        return bool(set(_PLATTER_WORDS) & _words_of(path))
     return find_corners(target, image) is not None
 
 
@@ -120,22 +120,47 @@ def _sets(
         )
         return BoardViews(found=found, missed=(), size=size)
 
+    board_folders = {one.path.parent for one in seen if one.corners is not None}
     sets = PictureSets(
         board=boards(None),
         board_lasers={name: boards(name) for name in lasers},
         platter=tuple(one.path for one in seen if one.target),
         platter_lasers={
-            name: tuple(one.path for one in seen if one.laser == name and one.corners is None)
+            name: tuple(
+                one.path
+                for one in seen
+                if one.laser == name and (one.target or _is_bare_platter(one, board_folders))
+            )
             for name in lasers
         },
     )
     _require_all_kinds(sets, board, target, lasers)
+    used = {path for paths in sets.platter_lasers.values() for path in paths}
     unknown = {
         picture_name(one.path): f'neither {board} nor {target} detected, and no name of a laser'
+        if one.laser is None
+        else f'{board} not detected'
         for one in seen
-        if one.corners is None and not one.target and one.laser is None
+        if one.corners is None and not one.target and one.path not in used
     }
     return SortedPictures(sets=sets, unknown=unknown)
+
+
+def _is_bare_platter(one: _Seen, board_folders: set[Path]) -> bool:
+    """
+    Return whether a picture of a laser, in which nothing was detected, shows the bare platter.
+
+    In a folder with pictures of the board it may be one in which the board was not detected,
+    unless its name says platter or table.
+    """
+    if one.corners is not None:
+        return False
+    named = bool(set(_PLATTER_WORDS) & _words_of(one.path))
+    return named or one.path.parent not in board_folders
+
+
+def _words_of(path: Path) -> set[str]:
+    return set(_WORD.split(f'{path.parent.name}_{path.stem}'.lower()))
 
 
 def _require_all_kinds(

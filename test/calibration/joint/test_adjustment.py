@@ -1,5 +1,7 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.joint_scene import disturbed
@@ -121,6 +123,15 @@ def test_held_back_residuals_are_those_of_the_noise(solved):
     assert found.board_stripe < 3e-5
     off = disturbed(true, seed=3)
     assert held_back_residuals(off, other).board_stripe > 2 * found.board_stripe
+
+
+def test_stripe_on_something_else_is_refused_by_name(solved):
+    seen, true, _ = solved
+    first, *others = seen.platter_stripes
+    moved = replace(first, stripe=replace(first.stripe, uv=first.stripe.uv + 150.0))
+    wrong = replace(seen, platter_stripes=(moved, *others))
+    with pytest.raises(CalibrationError, match=rf'folder: {first.name}: its stripe is'):
+        result_of(problem_of(wrong), true, where='folder')
 
 
 def test_adjustment_that_does_not_converge_is_refused(solved, monkeypatch):

@@ -41,6 +41,8 @@ def folder(tmp_path):
         'platter/left/5.png': marker_picture(),
         'bare_right/6.png': empty,
         'other/7.png': empty,
+        # the board was not detected: no picture of the platter
+        'with right/8.png': empty,
     }.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         cv2.imwrite(str(tmp_path / name), image)
@@ -61,7 +63,9 @@ def test_pictures_are_sorted_by_sight_and_by_name(folder):
     assert sorted(names(sets.platter)) == ['4', '5']
     assert names(sets.platter_lasers['left']) == ['5']
     assert names(sets.platter_lasers['right']) == ['6']
-    assert list(found.unknown) == ['other/7.png']
+    assert found.unknown['other/7.png'].endswith('no name of a laser')
+    assert found.unknown['with right/8.png'].endswith('not detected')
+    assert len(found.unknown) == 2
 
 
 def test_name_of_two_lasers_is_refused(folder):
