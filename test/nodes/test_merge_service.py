@@ -71,6 +71,7 @@ def root(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_stored_scans_are_merged_published_and_meshed_as_offline(client, root, tmp_path):
     views = client.collect(PointCloud2, 'view')
     poses = client.collect(PoseArray, 'view_poses')

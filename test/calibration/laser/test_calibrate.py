@@ -94,6 +94,7 @@ def test_one_pose_is_refused(tmp_path, cell, board):
         calibrate_laser(cell.camera, board, views)
 
 
+@pytest.mark.slow
 def test_real_laser_rms_is_within_the_limit(data_dir):
     board = parse_board('chessboard:8x6:40mm')
     scan = data_dir / 'turntable_laser'

@@ -71,6 +71,7 @@ def test_two_clampings_are_merged_without_an_initial_pose(upright, on_its_side):
     assert placing.sigma < 5e-5
 
 
+@pytest.mark.slow
 def test_poses_that_a_symmetric_part_does_not_distinguish_are_named():
     with pytest.raises(AmbiguousError, match='lying fits on upright in 4 ways') as refused:
         merge(both(box((0.044, 0.030, 0.060))))
