@@ -45,8 +45,10 @@ def result(client):
     found = {}
 
     def has_ended():
-        found.update({item.key: item.value for item in client.status[-1].values})
-        return found['result']
+        # the answer of start_scan can overtake the first status
+        for status in client.status[-1:]:
+            found.update({item.key: item.value for item in status.values})
+        return found.get('result')
 
     client.until(has_ended, 30.0, 'the scan has not ended')
     return json.loads(found['result']), time.monotonic() - begin
