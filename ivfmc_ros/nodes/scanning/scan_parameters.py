@@ -204,7 +204,7 @@ def _declare_cell(node: CellNode) -> None:
     )
     node.parameter(
         'heartbeat_limit',
-        1.5,
+        2.0,
         'Seconds without a heartbeat or joint state after which a node is lost.',
         low=0.3,
         high=60.0,
