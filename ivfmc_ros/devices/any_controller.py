@@ -105,7 +105,7 @@ class AnyController:
             moving=False,
             alarm=CONTROLLER_LOST,
             lasers=dict.fromkeys(self._settings.lasers, False),
-            lasers_ns=now_ns,
+            lasers_ns=0,
         )
 
     def unknown_lines(self) -> Mapping[str, int]:

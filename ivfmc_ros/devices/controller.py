@@ -69,7 +69,7 @@ class ControllerState:
     alarm : why the controller accepts no commands (such as POSITION_LOST), None if it does
     lasers : whether each laser is on, by name
     lasers_ns : when the controller acknowledged the last change of a laser, nanoseconds since
-        the epoch
+        the epoch; 0 while it has acknowledged none
     homed : the position is that of the home switch, or was accepted by the operator
     firmware : name and version of the controller's firmware, '' while it is not connected
     """

@@ -216,7 +216,7 @@ class CameraNode(LifecycleCellNode):
 
     def _publish(self, picture: CameraImage) -> None:
         frame_id = self.get('frame_id')
-        # a message of 1.3 MB is not made for nobody
+        # a message of 1.3 MB is made only for a subscriber
         if self._images.get_subscription_count():
             self._images.publish(to_image(picture.image, picture.stamp_ns, frame_id))
         height, width = picture.image.shape[:2]

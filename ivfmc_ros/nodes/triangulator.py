@@ -68,8 +68,6 @@ _ON = 0.5
 _DEFAULT_JOINT = 'turntable_joint'
 # Prefixes of the parameters that change how an image is processed.
 _ACQUISITION = ('extract.', 'volume.', 'noise_')
-# Age, ns, of the oldest latched laser states: the depth of the topic at 10 messages per second.
-_LATCHED_NS = 10_000_000_000
 
 
 class Triangulator(CellNode):
@@ -85,7 +83,6 @@ class Triangulator(CellNode):
         self._acquisition_settings: AcquisitionSettings | None = None
         self._counts: Counter[str] = Counter()
         self._loss = ImageLoss()
-        self._last_laser_ns = 0
         self._source.on_camera_info = lambda info: self._loss.add_info(
             nanoseconds(info.header.stamp)
         )
@@ -197,10 +194,6 @@ class Triangulator(CellNode):
         if any(states.get(name, 0.0) > _ON for name in names):
             self._wake()
         stamp_ns = nanoseconds(message.header.stamp)
-        if 0 <= self._last_laser_ns - stamp_ns < _LATCHED_NS:
-            # a subscription that is created again receives the latched states once more
-            return
-        self._last_laser_ns = stamp_ns
         if not self._matcher.add_laser_states(stamp_ns, states, self.steady_s()):
             self._report_jump(self._lasers.topic)
         self._work()

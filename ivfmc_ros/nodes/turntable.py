@@ -204,7 +204,8 @@ class TurntableNode(LifecycleCellNode):
         lasers = [float(on) for on in state.lasers.values()]
         # by the steady clock: one that is set back must not end the messages
         now_s = self.steady_s()
-        if state.lasers_ns != self._lasers_ns:
+        # a controller that has just been connected has acknowledged none: a stamp of 0
+        if state.lasers_ns and state.lasers_ns != self._lasers_ns:
             self._lasers_ns, self._lasers_published_s = state.lasers_ns, now_s
             self._laser_states.publish(joint_state(state.lasers_ns, list(state.lasers), lasers))
         if now_s - self._lasers_published_s >= _DUE * _LASER_PERIOD_S:

@@ -3,8 +3,8 @@
 """
 The report of a finished scan: ``report.json`` at once, ``mesh.png`` and ``report.html`` later.
 
-The images take seconds and nobody waits for them: a child process renders them after the answer of
-the scan, while the next scan may run.
+The images take seconds and no caller waits for them: a child process renders them after the
+answer of the scan, while the next scan may run.
 """
 
 from collections.abc import Callable

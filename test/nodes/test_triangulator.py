@@ -178,7 +178,7 @@ def test_two_publishers_of_the_joint_are_named(client, inputs, cell_file):
             for number in range(60):
                 inputs.table(0.05 * number, START + number * STEP // 4)
                 stamp = header(START + number * STEP // 4 + STEP // 8, '')
-                # the part of a robot model that nobody moves
+                # the part of a robot model that does not move
                 joints.publish(JointState(header=stamp, name=['turntable_joint'], position=[0.0]))
                 client.spin(0.02)
             client.until(lambda: 'contradict each other' in client.diagnostic('triangulator'))

@@ -21,6 +21,7 @@ from support.graph_rig import running
 from trajectory_msgs.msg import JointTrajectory
 from trajectory_msgs.msg import JointTrajectoryPoint
 
+from ivfmc_ros.nodes.convert.stamps import nanoseconds
 from ivfmc_ros.simulation.live.truth import TruthReader
 
 
@@ -388,3 +389,12 @@ def test_lasers_alone_without_a_table(client, live, others):
         lasers = client.collect(JointState, 'laser_states')
         client.until(lambda: lasers, 10.0)
         assert client.node.count_publishers('joint_states') == 0
+
+
+def test_stamps_of_the_lasers_increase_while_the_controller_is_connected(client, live, others):
+    lasers = client.collect(JointState, 'laser_states')
+    with running('turntable', port=str(live / 'controller')):
+        client.until(lambda: len(lasers) > 20, 20.0)
+    stamps = [nanoseconds(message.header.stamp) for message in lasers]
+    assert stamps[0] > 0
+    assert stamps == sorted(stamps)

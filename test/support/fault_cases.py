@@ -17,7 +17,7 @@ from support.graph_rig import NodeProcess
 
 STAGES = ('homing', 'scanning', 'registering', 'meshing')
 SIGNALS = {'SIGKILL': signal.SIGKILL, 'SIGSTOP': signal.SIGSTOP}
-# Without these nobody commands table and beam.
+# Without these, table and beam get no commands.
 _IN_CONTROL = ('turntable', 'orchestrator')
 _HOMED = {**SHORT, 'home': True}
 

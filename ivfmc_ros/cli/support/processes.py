@@ -53,6 +53,8 @@ class Processes:
         self._lock = threading.Lock()
         self._running: dict[str, subprocess.Popen[str]] = {}
         self._programs: dict[str, tuple[Sequence[str], Mapping[str, str]]] = {}
+        # names of programs on which those that were started later depend
+        self._required: set[str] = set()
         self._readers: list[threading.Thread] = []
         self.codes: dict[str, int] = {}
 
@@ -83,10 +85,13 @@ class Processes:
         """
         Start a program.
 
-        ready : wait until it writes this line; at most ``seconds``
+        ready : wait until it writes this line; at most ``seconds``. What is started later depends
+            on this program and is ended before it
         :raises HelperError: it ended, or did not become ready
         """
         self._programs[name] = program, environment
+        if ready is not None:
+            self._required.add(name)
         seen = threading.Event()
         process = self._launch(name, ready, seen)
         if ready is not None:
@@ -144,12 +149,9 @@ class Processes:
             _wait([process], _PATIENCE[-1][1])
 
     def stop(self) -> None:
-        """End all programs, the last one first, and what they have started."""
-        for number, seconds in _PATIENCE:
-            alive = [p for p in reversed(self._running.values()) if p.poll() is None]
-            for process in alive:
-                _signal(process.pid, number, group=number is signal.SIGKILL)
-            _wait(alive, seconds)
+        """End all programs and what they have started; first those that depend on others."""
+        self._end([p for name, p in self._running.items() if name not in self._required])
+        self._end([self._running[name] for name in self._required & self._running.keys()])
         for process in self._running.values():
             # a program that ended badly may have left children
             _signal(process.pid, signal.SIGKILL, group=True)
@@ -157,6 +159,13 @@ class Processes:
         self._running.clear()
         for reader in self._readers:
             reader.join(timeout=1.0)
+
+    def _end(self, processes: Sequence['subprocess.Popen[str]']) -> None:
+        for number, seconds in _PATIENCE:
+            alive = [process for process in processes if process.poll() is None]
+            for process in alive:
+                _signal(process.pid, number, group=number is signal.SIGKILL)
+            _wait(alive, seconds)
 
     def _await(
         self, name: str, process: subprocess.Popen[str], seen: threading.Event, seconds: float

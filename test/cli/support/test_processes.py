@@ -65,7 +65,7 @@ def test_output_of_all_comes_to_one_place():
     assert not any(is_alive(pid) for pid in ids.values())
 
 
-def test_log_that_cannot_be_written_lets_nobody_stand_still():
+def test_log_that_cannot_be_written_blocks_no_process():
     def full(name, line):
         raise OSError('No space left on device')
 
@@ -77,7 +77,7 @@ def test_log_that_cannot_be_written_lets_nobody_stand_still():
         assert processes.ended().code == 0
 
 
-def test_who_ended_by_himself_is_named():
+def test_program_that_ended_by_itself_is_named():
     with Processes(Said()) as processes:
         processes.start('a', SLEEP, os.environ, ready='up')
         processes.start('b', [sys.executable, '-c', 'raise SystemExit(3)'], os.environ)
@@ -85,7 +85,7 @@ def test_who_ended_by_himself_is_named():
         assert str(processes.ended()) == 'b ended with exit code 3'
 
 
-def test_who_was_killed_is_named():
+def test_program_that_was_killed_is_named():
     with Processes(Said()) as processes:
         processes.start('a', SLEEP, os.environ, ready='up')
         os.kill(processes.ids['a'], signal.SIGKILL)
@@ -93,13 +93,34 @@ def test_who_was_killed_is_named():
         assert str(processes.ended()) == 'a was killed by signal 9'
 
 
-def test_who_does_not_listen_is_killed(monkeypatch):
+def test_program_that_ignores_the_signal_is_killed(monkeypatch):
     patience = ((signal.SIGTERM, 0.2), (signal.SIGKILL, 2.0))
     monkeypatch.setattr('ivfmc_ros.cli.support.processes._PATIENCE', patience)
     with Processes(Said()) as processes:
         processes.start('a', STUBBORN, os.environ, ready='up')
         pid = processes.ids['a']
     assert not is_alive(pid)
+
+
+def test_program_on_which_others_depend_is_ended_last():
+    said = Said()
+    # looks at the other one half a second after the signal
+    program = (
+        'import os, signal, sys, time\n'
+        'def end(*_):\n'
+        '    time.sleep(0.5)\n'
+        '    print(os.path.exists("/proc/" + sys.argv[1] + "/exe"), flush=True)\n'
+        '    sys.exit()\n'
+        'signal.signal(signal.SIGTERM, end)\n'
+        'print("up", flush=True)\n'
+        'time.sleep(60)\n'
+    )
+    with Processes(said) as processes:
+        processes.start('base', SLEEP, os.environ, ready='up')
+        pid = str(processes.ids['base'])
+        processes.start('user', [sys.executable, '-c', program, pid], os.environ)
+        wait_until(lambda: ('user', 'up') in said)
+    assert said[-1] == ('user', 'True')
 
 
 def test_children_of_children_go_too():
