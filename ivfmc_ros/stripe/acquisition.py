@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Acquisition of profiles: stripe extraction, triangulation and noise removal for one image."""
 
+from collections.abc import Callable
 from collections.abc import Iterable
 from collections.abc import Sequence
 import copy
@@ -151,13 +152,16 @@ class Acquisition:
         self._cut_frames: list[Frame] = []
         self._cut_count, self._cut_stride = 0, 1
 
-    def resolve_auto_settings(self, frames: Iterable[Frame]) -> None:
+    def resolve_auto_settings(
+        self, frames: Iterable[Frame], on_progress: Callable[[], object] = lambda: None
+    ) -> None:
         """
         Resolve the settings that are ``auto`` or None from sample images of the scan.
 
         These are the color channel, the estimator (translucent material or not), whether there
         are inter-reflections, and the expected and the least width of the stripe.
 
+        on_progress : called after each image that was searched
         :raises ParameterError: the images look like fewer bits than their pixels have
         """
         frames = list(frames)
@@ -166,65 +170,46 @@ class Acquisition:
         if extraction.channel == 'auto':
             chosen = channel.unclipped_channel(self._masked(frame) for frame in frames)
             extraction = replace(extraction, channel=chosen)
-        if extraction.method == 'auto':
-            translucent = self._is_translucent(frames, extraction)
-            extraction = replace(extraction, method='top_of_peak' if translucent else DEFAULT)
-        extraction = self._with_glare(frames, extraction)
+        if extraction.method == 'auto' or _looks_for_glare(extraction):
+            found = self._everything_found(frames, extraction, on_progress)
+            if extraction.method == 'auto':
+                method = 'top_of_peak' if _is_translucent(*found) else DEFAULT
+                extraction = replace(extraction, method=method)
+            extraction = _with_glare(extraction, *found)
+        else:
+            extraction = replace(extraction, glare='off')
         if extraction.least_width is None:
-            extraction = replace(extraction, least_width=self._least_width(frames, extraction))
+            least = self._least_width(frames, extraction, on_progress)
+            extraction = replace(extraction, least_width=least)
         self.settings = replace(self.settings, extract=extraction)
 
-    def _is_translucent(self, frames: Sequence[Frame], settings: ExtractSettings) -> bool:
-        """
-        Tell whether the median uncertainty of the position shows a translucent material.
-
-        Inter-reflections on metal make most positions uncertain, too, but not those without glare,
-        and they leave the stripe thin elsewhere; a translucent material widens it everywhere.
-        """
-        stripe, glare = self._everything_found(frames, settings)
-        relative_sigma = stripe.sigma / stripe.width
-        if not len(stripe) or np.median(relative_sigma) <= _TRANSLUCENT_SIGMA:
-            return False
-        clean = relative_sigma[~glare]
-        is_certain = len(clean) > _MIN_CLEAN * len(stripe) and np.median(clean) < _CLEAN_SIGMA
-        return not (is_certain or _is_thin_elsewhere(stripe))
-
     def _everything_found(
-        self, frames: Sequence[Frame], settings: ExtractSettings
+        self,
+        frames: Sequence[Frame],
+        settings: ExtractSettings,
+        on_progress: Callable[[], object] = lambda: None,
     ) -> tuple[Stripe, Bools]:
         """Return all positions of all images, none dropped, and which of them show glare."""
         lenient = replace(
             settings, method=DEFAULT, max_uncertainty=50.0, max_error=50.0, glare='off'
         )
-        found = [self._extract(frame, lenient) for frame in frames]
-        glare = [
-            rows_with_glare(
-                subtract_ambient(frame),
-                self.cell.lasers[frame.laser].stripe,
-                lenient,
-                self._regions[frame.laser],
-                stripe,
-            )
-            for frame, stripe in zip(frames, found, strict=True)
-        ]
-        return Stripe.concatenated(found), np.concatenate([np.zeros(0, dtype=bool), *glare])
+        found, glare = [], [np.zeros(0, dtype=bool)]
+        for frame in frames:
+            found.append(self._extract(frame, lenient))
+            image, direction = subtract_ambient(frame), self.cell.lasers[frame.laser].stripe
+            region = self._regions[frame.laser]
+            glare.append(rows_with_glare(image, direction, lenient, region, found[-1]))
+            on_progress()
+        return Stripe.concatenated(found), np.concatenate(glare)
 
-    def _with_glare(self, frames: Sequence[Frame], settings: ExtractSettings) -> ExtractSettings:
-        """Return the settings with ``glare`` on or off, and the expected width."""
-        if settings.glare == 'off' or settings.method != DEFAULT:
-            return replace(settings, glare='off')
-        stripe, glare = self._everything_found(frames, settings)
-        width = settings.expected_width or expected_width(stripe.width)
-        if width is None:
-            return settings
-        shown = is_glaring(glare) or _is_thin_elsewhere(stripe)
-        chosen = 'on' if settings.glare == 'on' or shown else 'auto'
-        return replace(settings, glare=chosen, expected_width=width)
-
-    def _least_width(self, frames: Sequence[Frame], settings: ExtractSettings) -> float | None:
-        widths = np.concatenate(
-            [np.zeros(0), *(self._extract(frame, settings).width for frame in frames)]
-        )
+    def _least_width(
+        self, frames: Sequence[Frame], settings: ExtractSettings, on_progress: Callable[[], object]
+    ) -> float | None:
+        found = [np.zeros(0)]
+        for frame in frames:
+            found.append(self._extract(frame, settings).width)
+            on_progress()
+        widths = np.concatenate(found)
         if not len(widths):
             return None
         return float(np.clip(_MIN_WIDTH_FRACTION * np.median(widths), 0.1, 50.0))
@@ -232,7 +217,11 @@ class Acquisition:
     def _extract(self, frame: Frame, settings: ExtractSettings) -> Stripe:
         direction = self.cell.lasers[frame.laser].stripe
         if settings.glare == 'auto' and settings.expected_width is None:
-            settings = self._with_glare([frame], replace(settings, method=_fixed(settings.method)))
+            settings = replace(settings, method=_fixed(settings.method))
+            if _looks_for_glare(settings):
+                settings = _with_glare(settings, *self._everything_found([frame], settings))
+            else:
+                settings = replace(settings, glare='off')
         if frame.dark is not None:
             settings = replace(settings, noise=noise_of_difference(settings.noise))
         region = self._regions[frame.laser]
@@ -359,3 +348,34 @@ class Acquisition:
             )
         if not math.isfinite(frame.angle):
             raise GeometryError(f'{where}: the table angle is {frame.angle}, must be finite')
+
+
+def _looks_for_glare(settings: ExtractSettings) -> bool:
+    return settings.glare != 'off' and settings.method == DEFAULT
+
+
+def _is_translucent(stripe: Stripe, glare: Bools) -> bool:
+    """
+    Tell whether the median uncertainty of the position shows a translucent material.
+
+    Inter-reflections on metal make most positions uncertain, too, but not those without glare,
+    and they leave the stripe thin elsewhere; a translucent material widens it everywhere.
+    """
+    relative_sigma = stripe.sigma / stripe.width
+    if not len(stripe) or np.median(relative_sigma) <= _TRANSLUCENT_SIGMA:
+        return False
+    clean = relative_sigma[~glare]
+    is_certain = len(clean) > _MIN_CLEAN * len(stripe) and np.median(clean) < _CLEAN_SIGMA
+    return not (is_certain or _is_thin_elsewhere(stripe))
+
+
+def _with_glare(settings: ExtractSettings, stripe: Stripe, glare: Bools) -> ExtractSettings:
+    """Return the settings with ``glare`` on or off, and the expected width."""
+    if not _looks_for_glare(settings):
+        return replace(settings, glare='off')
+    width = settings.expected_width or expected_width(stripe.width)
+    if width is None:
+        return settings
+    shown = is_glaring(glare) or _is_thin_elsewhere(stripe)
+    chosen = 'on' if settings.glare == 'on' or shown else 'auto'
+    return replace(settings, glare=chosen, expected_width=width)

@@ -66,9 +66,8 @@ class StreamAcquisition:
             self._buffered = buffered
             return []
         # images that are refused do not determine the settings of those that follow
-        self.acquisition.resolve_auto_settings(buffered)
+        self.acquisition.resolve_auto_settings(buffered, self._on_progress)
         self._buffered = None
-        self._on_progress()
         return [(frame, self._measure(frame)) for frame in buffered]
 
     def _measure(self, frame: Frame) -> Profile:
