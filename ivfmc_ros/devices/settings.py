@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from dataclasses import field
 import math
 
+from ivfmc_ros.devices.motion.axis_units import AUTO_AXIS
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.validation import require_in_range
 from ivfmc_ros.validation import require_one_of
@@ -20,7 +21,6 @@ OUTPUTS = (
     *(f'fan{number}' for number in range(4)),
     *(f'laser{number}' for number in range(1, 5)),
 )
-AUTO_AXIS = 'auto'
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,6 +21,11 @@ def profile(seq, *, view=None, points=4):
     records['seq'] = seq
     records['view'] = (0 if seq < 5 else 1) if view is None else view
     records['angle'] = 0.1 * seq
+    return profile_message(records, START + seq * 10**8)
+
+
+def profile_message(records, stamp_ns):
+    """Return the message of a profile with the points ``records``, of PROFILE_POINT_DTYPE."""
     fields = [
         cdr.message(
             'sensor_msgs/msg/PointField',
@@ -33,13 +38,13 @@ def profile(seq, *, view=None, points=4):
     ]
     return cdr.message(
         POINT_CLOUD,
-        header=cdr.header(START + seq * 10**8, 'turntable'),
+        header=cdr.header(stamp_ns, 'turntable'),
         height=1,
-        width=points,
+        width=len(records),
         fields=fields,
         is_bigendian=False,
         point_step=PROFILE_POINT_DTYPE.itemsize,
-        row_step=PROFILE_POINT_DTYPE.itemsize * points,
+        row_step=records.nbytes,
         data=records.view(np.uint8),
         is_dense=True,
     )

@@ -14,7 +14,6 @@ from ivfmc_ros.calibration.camera.calibrate import CameraCalibration
 from ivfmc_ros.calibration.figure import draw_camera
 from ivfmc_ros.calibration.report import camera_report
 from ivfmc_ros.calibration.report import write_report
-from ivfmc_ros.cell.camera import DISTORTION_COEFFICIENTS
 from ivfmc_ros.cell.camera_file import save_camera
 from ivfmc_ros.cli.calibrate import options
 from ivfmc_ros.cli.support.progress import progress_bars
@@ -31,13 +30,7 @@ from ivfmc_ros.cli.support.progress import progress_bars
     show_default=True,
     help='File to write.',
 )
-@click.option(
-    '--model',
-    type=click.Choice(list(DISTORTION_COEFFICIENTS)),
-    default='plumb_bob',
-    show_default=True,
-    help='Lens distortion: 5 coefficients, or 8 for wide-angle lenses.',
-)
+@options.model_option
 @click.option('--name', default='camera', show_default=True, help='Name of the camera.')
 @click.option(
     '--bend/--no-bend', default=True, help='Estimate the bend of a board that is not flat.'

@@ -24,7 +24,6 @@ from ivfmc_ros.calibration.report import laser_report
 from ivfmc_ros.calibration.report import turntable_report
 from ivfmc_ros.calibration.report import write_report
 from ivfmc_ros.calibration.turntable.observations import Target
-from ivfmc_ros.cell.camera import DISTORTION_COEFFICIENTS
 from ivfmc_ros.cell.camera_file import save_camera
 from ivfmc_ros.cell.cell_file import CellDraft
 from ivfmc_ros.cell.cell_file import save_draft
@@ -70,20 +69,8 @@ from ivfmc_ros.pictures import list_picture_tree
     default=Path(),
     help='Folder for camera.yaml and cell.yaml (default: the present one).',
 )
-@click.option(
-    '--model',
-    type=click.Choice(list(DISTORTION_COEFFICIENTS)),
-    default='plumb_bob',
-    show_default=True,
-    help='Lens distortion: 5 coefficients, or 8 for wide-angle lenses.',
-)
-@click.option(
-    '--stripe',
-    type=click.Choice(['rows', 'columns']),
-    default='rows',
-    show_default=True,
-    help='One stripe point in every row (an upright stripe), or in every column.',
-)
+@options.model_option
+@options.stripe_option
 @click.option('--platter-radius', type=options.LENGTH, help='Radius within which it is bare.')
 @click.option('--thickness', type=options.LENGTH, help='Of the board on the platter.')
 def calibrate_all(

@@ -39,13 +39,7 @@ _INSPECTED = 4
 @options.cell_option
 @options.board_option
 @click.option('--name', default='laser', show_default=True, help='Name of the laser in the cell.')
-@click.option(
-    '--stripe',
-    type=click.Choice(['rows', 'columns']),
-    default='rows',
-    show_default=True,
-    help='One stripe point in every row (an upright stripe), or in every column.',
-)
+@options.stripe_option
 @click.option(
     '--channel', default='auto', show_default=True, help='Color channels to use, as blue+red.'
 )

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from ivfmc_ros.cell.laser import Stripe
+from ivfmc_ros.cli.calibrate import options
 from ivfmc_ros.cli.support.output import console
 from ivfmc_ros.cli.support.reconstruction_options import image_bits_option
 from ivfmc_ros.image_bits import require_known_bits
@@ -42,13 +43,7 @@ _MAX_SHAPE_ERROR = 0.03
     show_default=True,
     help='File to write.',
 )
-@click.option(
-    '--stripe',
-    type=click.Choice(['rows', 'columns']),
-    default='rows',
-    show_default=True,
-    help='One stripe point in every row (an upright stripe), or in every column.',
-)
+@options.stripe_option
 @click.option(
     '--channel', default='auto', show_default=True, help='Color channels to use, as blue+red.'
 )

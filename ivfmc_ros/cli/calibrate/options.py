@@ -21,6 +21,7 @@ from ivfmc_ros.calibration.boards.board_shape import BoardShape
 from ivfmc_ros.calibration.boards.markers import Markers
 from ivfmc_ros.calibration.boards.markers import parse_markers
 from ivfmc_ros.calibration.report import pictures_by_reason
+from ivfmc_ros.cell.camera import DISTORTION_COEFFICIENTS
 from ivfmc_ros.cell.cell_file import CellDraft
 from ivfmc_ros.cell.cell_file import load_draft
 from ivfmc_ros.cli.support.output import console
@@ -98,6 +99,20 @@ board_option = click.option(
     metavar='BOARD',
     help='chessboard:8x6:40mm (inner corners, side of a square) or '
     'charuco:10x7:12mm:9mm:DICT_4X4_50 (squares, sides of square and marker, dictionary).',
+)
+model_option = click.option(
+    '--model',
+    type=click.Choice(list(DISTORTION_COEFFICIENTS)),
+    default='plumb_bob',
+    show_default=True,
+    help='Lens distortion: 5 coefficients, or 8 for wide-angle lenses.',
+)
+stripe_option = click.option(
+    '--stripe',
+    type=click.Choice(['rows', 'columns']),
+    default='rows',
+    show_default=True,
+    help='One stripe point in every row (an upright stripe), or in every column.',
 )
 pictures_argument = click.argument(
     'folders', metavar='PICTURES...', nargs=-1, required=True, type=PATH

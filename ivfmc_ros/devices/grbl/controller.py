@@ -33,9 +33,9 @@ from ivfmc_ros.devices.grbl.handshake import Handshake
 from ivfmc_ros.devices.grbl.handshake import START_TIMEOUT
 from ivfmc_ros.devices.grbl.monitor import GrblMonitor
 from ivfmc_ros.devices.motion import trajectory
+from ivfmc_ros.devices.motion.axis_units import AUTO_AXIS
 from ivfmc_ros.devices.motion.axis_units import AxisUnits
 from ivfmc_ros.devices.serial_line import SerialLine
-from ivfmc_ros.devices.settings import AUTO_AXIS
 from ivfmc_ros.devices.settings import ControllerSettings
 from ivfmc_ros.devices.unknown_lines import UnknownLines
 from ivfmc_ros.errors import ControllerAlarmError

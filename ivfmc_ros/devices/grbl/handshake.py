@@ -17,7 +17,6 @@ from ivfmc_ros.devices.grbl.dialects import REPORT_INCHES
 from ivfmc_ros.devices.grbl.monitor import GrblMonitor
 from ivfmc_ros.devices.motion.axis_units import AxisUnits
 from ivfmc_ros.devices.serial_line import SerialLine
-from ivfmc_ros.devices.settings import AUTO_AXIS
 from ivfmc_ros.devices.settings import ControllerSettings
 from ivfmc_ros.errors import ControllerLostError
 from ivfmc_ros.errors import ControllerRefusedError
@@ -102,14 +101,7 @@ class Handshake:
         count = self._monitor.axis_count
         letters = self._monitor.identity.get('AXS', '').rpartition(':')[2]
         letters = letters if len(letters) == count else AXIS_LETTERS[:count]
-        letter = self._settings.axis
-        if letter == AUTO_AXIS:
-            letter = next((one for one in letters if one in 'ABC'), 'X')
-        if letter not in letters:
-            raise ControllerRefusedError(
-                f'the controller has no axis {letter}; it has {", ".join(letters)}'
-            )
-        self._units.select(letter, letters.index(letter))
+        self._units.choose(self._settings.axis, letters)
 
     def _require_outputs(self) -> None:
         known = self._monitor.dialect.outputs

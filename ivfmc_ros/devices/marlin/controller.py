@@ -14,7 +14,6 @@ import time
 from ivfmc_ros.devices.controller import CONNECTING
 from ivfmc_ros.devices.marlin import protocol
 from ivfmc_ros.devices.prompt.controller import PromptController
-from ivfmc_ros.devices.settings import AUTO_AXIS
 from ivfmc_ros.errors import ControllerLostError
 from ivfmc_ros.errors import ControllerRefusedError
 from ivfmc_ros.errors import DeviceError
@@ -98,21 +97,9 @@ class MarlinController(PromptController):
             )
         for command in ('G21', 'G90', 'M17', 'M211 S0'):
             self._line.request(command)
-        self._choose_axis()
+        self._units.choose(self._settings.axis, ''.join(self._ask().steps))
         self._read_limits()
         self._stand(self._ask_position())
-
-    def _choose_axis(self) -> None:
-        """:raises ControllerRefusedError: the controller does not have the axis that is set"""
-        letters = ''.join(self._ask().steps)
-        letter = self._settings.axis
-        if letter == AUTO_AXIS:
-            letter = next((one for one in letters if one in 'ABC'), 'X')
-        if letter not in letters:
-            raise ControllerRefusedError(
-                f'the controller has no axis {letter}; it has {", ".join(letters)}'
-            )
-        self._units.select(letter, letters.index(letter))
 
     def _read_limits(self) -> None:
         """:raises ControllerRefusedError: M503 does not list what a move needs"""

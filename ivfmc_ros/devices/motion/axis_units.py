@@ -4,7 +4,12 @@
 
 import math
 
+from ivfmc_ros.errors import ControllerRefusedError
+
+# Setting of the axis by which it is chosen from those of the controller.
+AUTO_AXIS = 'auto'
 _AXIS_LETTERS = 'XYZABC'  # in the order in which most controllers report them
+_ROTARY = 'ABC'
 
 
 class AxisUnits:
@@ -26,9 +31,21 @@ class AxisUnits:
         self._radians_per_unit = 2 * math.pi / units_per_turn
         self._turn_offset = 0  # turns by which unwrapped units exceed those of the controller
 
-    def select(self, letter: str, index: int) -> None:
-        """Take another axis, after the controller has named those that it has."""
-        self.letter, self.index = letter, index
+    def choose(self, axis: str, letters: str) -> None:
+        """
+        Take the axis that is set, after the controller has named those that it has.
+
+        axis : letter, or AUTO_AXIS: the first rotary axis, X if there is none
+        letters : of the axes of the controller, in the order of its reports
+        :raises ControllerRefusedError: the controller does not have the axis
+        """
+        if axis == AUTO_AXIS:
+            axis = next((letter for letter in letters if letter in _ROTARY), 'X')
+        if axis not in letters:
+            raise ControllerRefusedError(
+                f'the controller has no axis {axis}; it has {", ".join(letters)}'
+            )
+        self.letter, self.index = axis, letters.index(axis)
 
     def to_radians(self, units: float) -> float:
         """Return the table position of unwrapped units."""

@@ -22,11 +22,11 @@ from ivfmc_ros.devices.controller import POSITION_LOST
 from ivfmc_ros.devices.controller import require_laser
 from ivfmc_ros.devices.controller import require_motion
 from ivfmc_ros.devices.motion import trajectory
+from ivfmc_ros.devices.motion.axis_units import AUTO_AXIS
 from ivfmc_ros.devices.motion.axis_units import AxisUnits
 from ivfmc_ros.devices.motion.position_estimator import PositionEstimator
 from ivfmc_ros.devices.motion.trajectory import Trajectory
 from ivfmc_ros.devices.prompt.prompt_line import PromptLine
-from ivfmc_ros.devices.settings import AUTO_AXIS
 from ivfmc_ros.devices.settings import ControllerSettings
 from ivfmc_ros.devices.unknown_lines import UnknownLines
 from ivfmc_ros.errors import ControllerAlarmError

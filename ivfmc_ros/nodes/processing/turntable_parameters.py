@@ -8,7 +8,7 @@ from pathlib import Path
 import re
 
 from ivfmc_ros.devices.beam import BeamSettings
-from ivfmc_ros.devices.settings import AUTO_AXIS
+from ivfmc_ros.devices.motion.axis_units import AUTO_AXIS
 from ivfmc_ros.devices.settings import ControllerSettings
 from ivfmc_ros.devices.settings import FIRMWARES
 from ivfmc_ros.devices.settings import OUTPUTS

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.recordings import profile_message
 from support.synthetic import small_cell
 
 from ivfmc_ros.cell.camera_file import save_camera
@@ -15,7 +16,6 @@ from ivfmc_ros.storage.bag.writer import PART_NAME
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.messages import cdr
 from ivfmc_ros.storage.messages import sensor_messages
-from ivfmc_ros.storage.messages.point_clouds import POINT_FIELD_DTYPES
 from ivfmc_ros.storage.messages.point_clouds import PROFILE_POINT_DTYPE
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 from ivfmc_ros.storage.recording.live_recorder import LiveRecorder
@@ -25,7 +25,6 @@ from ivfmc_ros.storage.scans.stored_scan import read_profiles
 TOPIC = '/ivfmc/profile'
 CLOUD = 'sensor_msgs/msg/PointCloud2'
 START = 1_700_000_000_000_000_000
-CODES = {np.dtype(name): code for code, name in POINT_FIELD_DTYPES.items()}
 
 
 def cloud(seq, points=4):
@@ -33,28 +32,7 @@ def cloud(seq, points=4):
     records['x'] = np.arange(points) + 100.0 * seq
     records['seq'], records['view'], records['laser'] = seq, 1, 1
     records['angle'] = 0.1 * seq
-    fields = [
-        cdr.message(
-            'sensor_msgs/msg/PointField',
-            name=name,
-            offset=PROFILE_POINT_DTYPE.fields[name][1],
-            datatype=CODES[PROFILE_POINT_DTYPE[name]],
-            count=1,
-        )
-        for name in PROFILE_POINT_DTYPE.names
-    ]
-    return cdr.message(
-        CLOUD,
-        header=cdr.header(START + seq, 'turntable'),
-        height=1,
-        width=points,
-        fields=fields,
-        is_bigendian=False,
-        point_step=PROFILE_POINT_DTYPE.itemsize,
-        row_step=PROFILE_POINT_DTYPE.itemsize * points,
-        data=records.view(np.uint8),
-        is_dense=True,
-    )
+    return profile_message(records, START + seq)
 
 
 def header_of(seq):
