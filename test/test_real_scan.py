@@ -10,6 +10,8 @@ from support.box_fit import fit_box
 from support.real_scan import run_documented_commands
 import trimesh
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope='module')
 def scanned(tmp_path_factory, data_dir):

@@ -24,10 +24,10 @@ from ivfmc_ros.cli.support.cell_run import start
 from ivfmc_ros.cli.support.cell_run import write_bench
 from ivfmc_ros.cli.support.client import cell_client
 from ivfmc_ros.cli.support.client import CellClient
-from ivfmc_ros.cli.support.client import refuse_another
 from ivfmc_ros.cli.support.processes import Processes
 from ivfmc_ros.cli.support.processes import Say
 from ivfmc_ros.cli.support.shared_memory import remove_dead_segments
+from ivfmc_ros.cli.support.sole_cell import sole_cell
 from ivfmc_ros.cli.support.supervision import Supervisor
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
@@ -88,8 +88,7 @@ _POLL_S = 0.1
 def up(**options: Any) -> None:
     """Start a cell and keep it up until Ctrl-C."""
     run = run_of(options)
-    with cell_client(run.namespace) as client, log_of(run) as say:
-        refuse_another(client)
+    with cell_client(run.namespace) as client, log_of(run) as say, sole_cell(client):
         freed = remove_dead_segments()
         if freed:
             say('up', f'removed {freed / 1e6:.0f} MB of shared memory of processes that died')

@@ -377,6 +377,8 @@ class Triangulator(CellNode):
             images_not_taken=self._loss.not_taken,
             part_cut=self._volume.advice,
             table_fault=self._stamps.table_fault,
+            # matched ones: what is published before is lost to a subscription that joins
+            profile_subscriptions=self._profiles.get_subscription_count(),
         )
 
 

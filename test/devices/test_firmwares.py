@@ -75,8 +75,7 @@ def test_port_that_does_not_reset_the_controller(firmware, tmp_path, monkeypatch
 
 def test_controller_without_any_banner(tmp_path, monkeypatch):
     monkeypatch.setattr('ivfmc_ros.devices.detection._GREETING_S', 0.3)
-    with emulated('grblhal', tmp_path, auto_reset=False) as emulator:
-        emulator.machine.banner = ''
+    with emulated('grblhal', tmp_path, auto_reset=False, banner=''):
         controller = AnyController(settings_for('grblhal', tmp_path / 'controller'))
         controller.open()
         assert controller.poll().firmware == 'grblHAL'

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cells that are started for a test, and end with it."""
 
-import os
-import signal
+from contextlib import contextmanager
 
 import pytest
 from support.cell_rig import Cell
@@ -16,9 +15,9 @@ def client():
         yield client
 
 
-@pytest.fixture(scope='module')
-def start(tmp_path_factory):
-    """Start a cell; its processes are killed at the end of the module."""
+@contextmanager
+def started_cells(tmp_path_factory):
+    """Yield a function that starts a cell; all are killed at the end, also after a failure."""
     cells = []
 
     def start(*arguments):
@@ -27,9 +26,21 @@ def start(tmp_path_factory):
         cells.append(Cell(folder, *map(str, arguments)))
         return cells[-1]
 
-    yield start
-    for cell in cells:
-        if cell.up.poll() is None:
-            cell.up.kill()
-        for pid in cell.processes():
-            os.kill(pid, signal.SIGKILL)
+    try:
+        yield start
+    finally:
+        for cell in cells:
+            cell.kill()
+
+
+@pytest.fixture
+def start(tmp_path_factory):
+    with started_cells(tmp_path_factory) as start:
+        yield start
+
+
+@pytest.fixture(scope='module')
+def start_shared(tmp_path_factory):
+    """As ``start``, for cells that all tests of a module use."""
+    with started_cells(tmp_path_factory) as start:
+        yield start

@@ -40,10 +40,12 @@ def bag(tmp_path_factory):
 
 
 @pytest.fixture(scope='module')
-def cell(start, client, bag):
+def cell(start_shared, client, bag):
     # no parameter files: the defaults of the offline pipeline, with a coarse mesh
-    return start('--replay', '--cell', bag.parent / 'cell.yaml', '--config', bag.parent,
-                 '--set', f'mesher.mesh.voxel={VOXEL}')  # fmt: skip
+    return start_shared(
+        '--replay', '--cell', bag.parent / 'cell.yaml', '--config', bag.parent,
+        '--set', f'mesher.mesh.voxel={VOXEL}',
+    )  # fmt: skip
 
 
 def replay(bag, *options):

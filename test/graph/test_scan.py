@@ -19,10 +19,11 @@ from ivfmc_ros.surface import Surface
 
 
 @pytest.fixture(scope='module')
-def cell(start, client):
-    cell = start('--simulate', '--on-exit', 'stop',
-                 '--set', 'triangulator.volume.bottom=0.0005',
-                 '--set', 'mesher.mesh.voxel=0.0006')  # fmt: skip
+def cell(start_shared, client):
+    cell = start_shared(
+        '--simulate', '--on-exit', 'stop',
+        '--set', 'triangulator.volume.bottom=0.0005', '--set', 'mesher.mesh.voxel=0.0006',
+    )  # fmt: skip
     client.until(lambda: client.status, 60.0, cell.log())
     return cell
 
@@ -95,7 +96,7 @@ def test_busy_cell_refuses_and_cancel_turns_the_laser_off(client, cell):
     assert open_bag(cell.scans / first['scan_id']).topics['/ivfmc/profile'].count > 0
 
 
-def test_camera_that_is_killed_fails_the_scan_and_ends_the_cell(client, start, cell):
+def test_camera_that_is_killed_fails_the_scan_and_ends_the_cell(client, cell):
     client.set('orchestrator', motion='step', profiles=100, lasers=['left'])
     client.trigger('start_scan')
     client.until(lambda: _values(client)['stage'] == 'SCANNING', 60.0, cell.log())

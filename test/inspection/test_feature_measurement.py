@@ -42,15 +42,8 @@ def wall(rng, share, smooth):
     return np.stack([r * np.cos(angle), r * np.sin(angle), height], axis=2).reshape(-1, 3)
 
 
-@pytest.mark.parametrize(
-    ('share', 'smooth'),
-    [
-        pytest.param(1.0, 1, marks=pytest.mark.slow),
-        pytest.param(1.0, 5, marks=pytest.mark.slow),
-        pytest.param(0.4, 1, marks=pytest.mark.slow),
-        (0.4, 5),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(('share', 'smooth'), [(1.0, 1), (1.0, 5), (0.4, 1), (0.4, 5)])
 def test_diameter_is_as_far_off_as_is_said(share, smooth):
     rng = np.random.default_rng(3)
     scans = [wall(rng, share, smooth) for _ in range(40)]

@@ -117,7 +117,9 @@ def test_nodes_give_the_offline_views(client, inputs, cell_file, events, offline
         running('registrar', **cell, registration='table', island_least=20),
     ):
         inputs.wait()
-        client.until(lambda: client.node.count_subscribers('profile') == 2)
+        # of the triangulator and not of the graph, which knows of a subscription before that
+        client.until(lambda: 'profile_subscriptions: 2' in client.diagnostic('triangulator'))
+        client.until(lambda: inputs.info.get_subscription_count() == 2)
         inputs.camera_info()
         client.until(lambda: 'camera_info' not in client.diagnostic('registrar'))
         pictures = 0

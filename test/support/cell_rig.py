@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A cell of separate processes, started by ``ivfmc up``, and the search for leftover ones."""
 
+import contextlib
 import os
 from pathlib import Path
 import signal
@@ -48,6 +49,17 @@ class Cell:
     def end(self, number=signal.SIGINT, seconds=30.0):
         self.up.send_signal(number)
         return self.up.wait(seconds)
+
+    def kill(self):
+        """Kill all processes of the cell, orphans included, and await their end."""
+        if self.up.poll() is None:
+            self.up.kill()
+        self.up.wait()
+        while found := self.processes():
+            for pid in found:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+            time.sleep(0.05)
 
     def log(self):
         """The text of up.log."""

@@ -79,9 +79,13 @@ def settings_for(firmware: str, port: Path, **changes: Any) -> ControllerSetting
 
 
 @contextmanager
-def emulated(firmware: str, folder: Path, **options: Any) -> Iterator[ControllerEmulator]:
-    """Run an emulated controller at the port ``folder/controller``."""
+def emulated(
+    firmware: str, folder: Path, *, banner: str | None = None, **options: Any
+) -> Iterator[ControllerEmulator]:
+    """Run an emulated controller at the port ``folder/controller``, with another banner if any."""
     emulator = ControllerEmulator(folder / 'controller', firmware=firmware, seed=1, **options)
+    if banner is not None:
+        emulator.machine.banner = banner
     emulator.start()
     try:
         yield emulator

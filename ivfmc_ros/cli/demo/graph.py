@@ -19,9 +19,9 @@ from ivfmc_ros.cli.support.cell_run import start
 from ivfmc_ros.cli.support.cell_run import write_bench
 from ivfmc_ros.cli.support.client import cell_client
 from ivfmc_ros.cli.support.client import CellClient
-from ivfmc_ros.cli.support.client import refuse_another
 from ivfmc_ros.cli.support.output import console
 from ivfmc_ros.cli.support.processes import Processes
+from ivfmc_ros.cli.support.sole_cell import sole_cell
 from ivfmc_ros.cli.up import log_of
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.inspection.deviation import Deviation
@@ -64,8 +64,7 @@ def run_graph(output: Path, seed: int, wanted: Mapping[str, Any]) -> None:
     )
     part = demo_part()
     write_solid(output / 'nominal.stl', part.vertices_xyz, part.faces)
-    with cell_client(NAMESPACE) as client:
-        refuse_another(client)
+    with cell_client(NAMESPACE) as client, sole_cell(client):
         with log_of(run, quiet=True) as log, Processes(log) as processes:
             begin = time.monotonic()
             start(run, processes)

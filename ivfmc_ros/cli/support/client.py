@@ -17,7 +17,6 @@ from ivfmc_ros.nodes.framework import environment
 
 _SPIN_S = 0.1
 # Seconds to listen for heartbeats of another cell: two cells of one name answer the same calls.
-_LISTEN_S = 1.0
 
 
 @contextmanager
@@ -198,21 +197,6 @@ class CellClient:
 
     def _hear(self, message: Any) -> None:
         self.status = {item.key: item.value for item in message.values}
-
-
-def refuse_another(client: CellClient) -> None:
-    """:raises HelperError: nodes of a cell run in the namespace already."""
-    beating = client.watch_heartbeats()
-    # a killed node stays in the graph for a while, but sends no heartbeat
-    end = time.monotonic() + _LISTEN_S
-    while time.monotonic() < end:
-        client.spin(0.05)
-    if beating:
-        raise HelperError(
-            'BUSY',
-            f'a cell is up in {client.namespace} already ({", ".join(sorted(beating))}); end it, '
-            'or choose another --namespace or ROS_DOMAIN_ID',
-        )
 
 
 def result_of(status: dict[str, str], scan_id: str) -> dict[str, Any] | None:
