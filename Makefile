@@ -25,7 +25,7 @@ LIBRARIES := \
 BY_FILE := --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help env test test-slow demo bench faults docs docs-check reference figures pictures clean distclean
+.PHONY: help env lint test test-slow demo bench faults docs docs-check reference figures pictures clean distclean
 
 help:
 	@echo 'make env     build $(VENV) with all that tests and demo need (PYTHON=$(PYTHON))'
@@ -51,12 +51,15 @@ $(READY): setup.py
 	@touch $@
 
 test: $(READY)
+	$(MAKE) --no-print-directory -j 2 lint docs-check
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m 'not (alone or realtime or slow)' -n 2 $(BY_FILE)
+	$(BIN)/python -m pytest -m 'realtime and not slow' -n 2 $(BY_FILE)
+	$(BIN)/python -m pytest -m 'alone and not slow'
+
+lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(MAKE) --no-print-directory docs-check
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m 'not alone and not slow' -n 2 $(BY_FILE)
-	$(BIN)/python -m pytest -m 'alone and not slow'
 
 # Long variants of tests, and the stories of README that live in real time.
 test-slow: $(READY)

@@ -9,11 +9,10 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 
-# Boards, cameras and whole cells in these live in real time; what runs beside makes them late.
-ALONE = (
+# Boards, cameras and nodes in these live in real time; tests that compute would make them late.
+REALTIME = (
     'cli/support/test_processes.py',
     'devices',
-    'graph',
     'nodes/test_camera.py',
     'nodes/test_live_is_offline.py',
     'nodes/test_orchestrator.py',
@@ -21,17 +20,20 @@ ALONE = (
     'nodes/test_turntable.py',
     'simulation/test_live_cell.py',
 )
-# The longest file, which would keep one worker busy when the other has ended.
-FIRST = 'test_real_scan.py'
+# Whole cells, each of which takes what the machine has.
+ALONE = ('graph',)
+# The longest files, which would keep one worker busy when the other has ended.
+FIRST = ('test_orchestrator.py', 'test_registrar_and_mesher.py', 'test_triangulator.py')
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that share the machine with no others, and begin with the longest."""
-    alone = [ROOT / 'test' / place for place in ALONE]
-    for item in items:
-        if any(item.path.is_relative_to(place) for place in alone):
-            item.add_marker('alone')
-    items.sort(key=lambda item: item.path.name != FIRST)
+    """Mark what must not share the machine, and begin with the longest files."""
+    for mark, names in (('realtime', REALTIME), ('alone', ALONE)):
+        places = [ROOT / 'test' / name for name in names]
+        for item in items:
+            if any(item.path.is_relative_to(place) for place in places):
+                item.add_marker(mark)
+    items.sort(key=lambda item: item.path.name not in FIRST)
 
 
 @pytest.fixture(scope='session')

@@ -38,6 +38,7 @@ def retrieving(monkeypatch, part):
     monkeypatch.setattr(command, 'load_profiles', load_profiles)
 
 
+@pytest.mark.slow
 def test_two_scans_become_one_mesh(tmp_path, monkeypatch):
     retrieving(monkeypatch, demo_part())
     answer = run('up', 'down', '-o', tmp_path / 'out', '--voxel', 3.0)

@@ -60,7 +60,7 @@ def replay(bag, *options):
 
 
 # without /clock after a replay with it: nodes must return to their own clock
-@pytest.mark.parametrize('options', [['--clock'], []])
+@pytest.mark.parametrize('options', [['--clock'], pytest.param([], marks=pytest.mark.slow)])
 def test_replayed_cloud_equals_the_offline_cloud(client, cell, bag, tmp_path, options):
     settings = Settings(mesh=MeshSettings(voxel=VOXEL))
     offline = reconstruct(bench_cell(), open_scan(bag, lasers=LASERS).frames(), settings)

@@ -5,6 +5,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from ivfmc_ros.cell import transforms
@@ -59,6 +60,7 @@ def test_faces_that_show_inward_are_turned_over_and_said():
             assert 'faces showed inward and were turned over' in notes[0]
 
 
+@pytest.mark.slow
 def test_nominal_that_lies_elsewhere_and_is_turned_is_aligned_globally_and_said():
     R = Rotation.from_euler('xyz', [100.0, 40.0, 250.0], degrees=True).as_matrix()
     T = transforms.rigid(R, np.array([0.3, -0.2, 0.1]))

@@ -52,6 +52,7 @@ def test_best_fit_takes_up_what_moves_the_part_as_a_whole():
     assert modes.along_normals(points, normals, fitted=True).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_diameter_of_a_miscalibrated_cell_is_within_its_interval():
     held, _ = coverage(cells=10, seed=5)
     assert held >= 8

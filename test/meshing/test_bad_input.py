@@ -46,6 +46,7 @@ def test_million_points_at_one_place_are_refused(method):
         built(upright(one, one), method)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('method', METHODS)
 def test_million_points_at_a_hundred_places_are_no_failure(method):
     place = np.arange(1000.0) // 100

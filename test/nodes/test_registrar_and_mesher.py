@@ -169,6 +169,7 @@ def test_cloud_with_a_missing_field_is_rejected_by_name(client, cell_file, camer
         client.until(lambda: 'profiles: 2' in client.diagnostic('registrar'))
 
 
+@pytest.mark.slow
 def test_heartbeat_continues_while_a_mesh_is_built_and_cancelled(
     client, cell_file, camera_file, profiles
 ):

@@ -73,7 +73,14 @@ def test_beam_goes_off_within_a_second_when_the_table_stands(client, fake):
     assert 'the table stands at' in answer['detail']
 
 
-@pytest.mark.parametrize('code', ['CONTROLLER_ALARM', 'CONTROLLER_LOST', 'POSITION_LOST'])
+@pytest.mark.parametrize(
+    'code',
+    [
+        'CONTROLLER_LOST',
+        pytest.param('CONTROLLER_ALARM', marks=pytest.mark.slow),
+        pytest.param('POSITION_LOST', marks=pytest.mark.slow),
+    ],
+)
 def test_fault_of_the_controller_ends_the_scan_under_its_code(client, fake, code):
     start_sweep(client, fake)
     # of another cell

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import JointState
@@ -287,6 +288,7 @@ def test_laser_without_a_view_number_gives_no_profile(client, inputs, cell_file,
     assert {clouds.to_profile(message, '').view for message in found} == {7}
 
 
+@pytest.mark.slow
 def test_no_images_are_received_while_all_lasers_are_off_for_long(
     client, inputs, cell_file, frames
 ):

@@ -64,15 +64,19 @@ def run_graph(output: Path, seed: int, wanted: Mapping[str, Any]) -> None:
     )
     part = demo_part()
     write_solid(output / 'nominal.stl', part.vertices_xyz, part.faces)
-    with cell_client(NAMESPACE) as client, sole_cell(client):
-        with log_of(run, quiet=True) as log, Processes(log) as processes:
-            begin = time.monotonic()
-            start(run, processes)
-            _await_cell(client, processes)
-            up = time.monotonic()
-            result = run_scan(client, dict(wanted), _alive(processes))
-            seconds = {'start': up - begin, 'scan': time.monotonic() - up}
-            _await_report(client, result, _alive(processes))
+    with (
+        cell_client(NAMESPACE) as client,
+        sole_cell(client),
+        log_of(run, quiet=True) as log,
+        Processes(log) as processes,
+    ):
+        begin = time.monotonic()
+        start(run, processes)
+        _await_cell(client, processes)
+        up = time.monotonic()
+        result = run_scan(client, dict(wanted), _alive(processes))
+        seconds = {'start': up - begin, 'scan': time.monotonic() - up}
+        _await_report(client, result, _alive(processes))
     vertices, faces = read_stl(Path(result['files']['mesh.stl']))
     nominal = Surface(part.vertices_xyz, part.faces)
     deviation = summarize(nominal.signed_distance(vertices))

@@ -66,6 +66,7 @@ def test_flat_board_stays_flat(board, make_views):
     assert calibrate_camera(board, make_views()).board_shape.is_flat
 
 
+@pytest.mark.slow
 def test_rational_model_fits_too(board, make_views):
     result = calibrate_camera(board, make_views(), 'rational_polynomial')
     assert result.camera.distortion.shape == (8,)
@@ -119,6 +120,7 @@ def test_unknown_model_is_refused(board, make_views):
         calibrate_camera(board, make_views(), 'fisheye')
 
 
+@pytest.mark.slow
 def test_real_camera_rms_is_within_the_limit(data_dir):
     board = parse_board('chessboard:8x6:40mm')
     pictures = list_pictures(data_dir / 'turntable_laser' / 'chessboard')[::6]

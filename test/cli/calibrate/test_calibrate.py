@@ -97,6 +97,7 @@ def test_rendered_cell_is_calibrated_from_pictures(run, pictures, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_folder_of_all_kinds_is_calibrated_together(run, pictures, tmp_path):
     (tmp_path / 'out').mkdir()
     words = ('--board', CHESSBOARD, '--platter', CHARUCO, '--board-u', '0.02%', '-o', 'out')

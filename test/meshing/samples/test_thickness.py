@@ -91,7 +91,7 @@ def test_curvature_that_is_too_coarse_to_correct_is_an_uncertainty():
     assert known[25, 30] == pytest.approx(0.4 * fine[25, 30])
 
 
-@pytest.mark.parametrize('laser', [0, 1])
+@pytest.mark.parametrize('laser', [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_points_of_a_rendered_shaft_lie_on_it(laser):
     radius = 0.012
     cell = with_sheet_thickness(bench_cell(), Optics())

@@ -81,6 +81,7 @@ def test_poses_that_a_symmetric_part_does_not_distinguish_are_named():
         assert axis in motions
 
 
+@pytest.mark.slow
 def test_turn_that_a_round_part_does_not_constrain_is_named():
     with pytest.raises(
         AmbiguousError, match='does not constrain any turn about the axis'
@@ -113,6 +114,7 @@ def test_regular_bolt_circle_does_not_constrain_the_turn():
         merge(both(part, steps=100, seed=1))
 
 
+@pytest.mark.slow
 def test_another_part_is_refused(upright):
     other = clamped('other', CELL, box((0.05, 0.03, 0.07)), np.eye(4), 60)
     with pytest.raises(GeometryError, match='no pose of other fits on upright'):
