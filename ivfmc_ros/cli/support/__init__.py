@@ -1,3 +1,3 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""support."""
+"""What the commands share: options, output, client of a cell, its processes."""
