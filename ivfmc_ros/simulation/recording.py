@@ -41,7 +41,8 @@ def record_scan(
                 names = [laser.name for laser in cell.lasers]
                 states = {name: index == active_laser for index, name in enumerate(names)}
                 bag.laser_state(frame.stamp_ns - _LASER_LEAD_NS, states)
-            bag.joint_state(frame.stamp_ns, cell.turntable.joint, frame.angle, 0.0)
+            # without a velocity: the table stands at each image and has moved between two
+            bag.joint_state(frame.stamp_ns, cell.turntable.joint, frame.angle)
             bag.camera_info(frame.stamp_ns, cell.camera)
             bag.image(frame.stamp_ns, frame.image)
             progress('recorded', count, max(total, count))

@@ -43,6 +43,8 @@ def paste(name: str, folder: Path) -> str:
         check=False,
     )
     assert result.returncode == 0, f'{result.stdout}\n{result.stderr}'
+    # nothing that README pastes gives cause for a warning
+    assert 'warning' not in result.stderr, result.stderr
     return result.stdout
 
 

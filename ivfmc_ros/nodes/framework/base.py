@@ -10,6 +10,7 @@ response of the service.
 from collections.abc import Awaitable
 from collections.abc import Callable
 from collections.abc import Sequence
+from functools import partial
 import inspect
 import signal
 import threading
@@ -244,12 +245,16 @@ class CellNode(ParameterNode):
 
         def work() -> None:
             try:
-                result = function(*arguments)
+                settle = partial(future.set_result, function(*arguments))
             except BaseException as error:  # raised where it is awaited
-                future.set_exception(error)
-            else:
-                future.set_result(result)
-            self.wake()
+                settle = partial(future.set_exception, error)
+            try:
+                settle()
+                self.wake()
+            except AttributeError:
+                # An executor that was shut down has no guard condition: the node has ended, and
+                # nothing awaits the result. Fetched, an exception is not printed by rclpy.
+                future.exception()
 
         threading.Thread(target=work, daemon=True, name=f'{self.get_name()} work').start()
         return future
