@@ -69,7 +69,7 @@ def measuring_cases() -> list[FaultCase]:
     cases = [
         FaultCase(
             name=f'slip of {degrees} degrees, {len(request["lasers"])} laser(s)',
-            stage='scanning',
+            stage='mid-sweep',
             cause=partial(FaultCell.controller_fault, text=f'slip {degrees}'),
             request=request,
         )
@@ -78,7 +78,7 @@ def measuring_cases() -> list[FaultCase]:
     cases += [
         FaultCase(
             name=f'camera without images for {seconds} s',
-            stage='scanning',
+            stage='mid-sweep',
             cause=partial(FaultCell.stall_camera, seconds=seconds),
             request=FINE,
         )
@@ -87,7 +87,7 @@ def measuring_cases() -> list[FaultCase]:
     cases += [
         FaultCase(
             name=f'camera process stands for {seconds} s',
-            stage='scanning',
+            stage='mid-sweep',
             cause=partial(frozen, 'camera', seconds),
             request=FINE,
         )
@@ -96,7 +96,7 @@ def measuring_cases() -> list[FaultCase]:
     return cases + [
         FaultCase(
             name=f'clock of {whose} set by {seconds:+g} s',
-            stage='scanning',
+            stage='mid-sweep',
             cause=partial(FaultCell.set_clock, seconds=seconds, whose=whose),
             request=FINE if whose == 'all' else FINE_TWO,
         )

@@ -40,7 +40,10 @@ START_S, SCAN_S = 240.0, 120.0
 _VOXEL = 0.0015
 # The beam may flicker at the end of a scan; resolution of the truth that is read, seconds.
 _RESOLUTION_S = 0.005
-_STRIDE = 3  # of the points that are compared
+_STRIDE = 9  # of the points that are compared
+# A slip before the first profile turns the whole part, which is no error of its shape: the slips
+# of the matrix and of the sequences, radians.
+_TURNS = tuple(math.radians(degrees) for degrees in (0, -1, 1, -5, 5, -20, 20))
 FINAL = ('DONE', 'FAILED', 'CANCELLED')
 
 
@@ -314,7 +317,8 @@ class FaultCell:
         names = ('x', 'y', 'z', 'sigma')
         records = to_structured_array(clouds[-1], 'cloud', names).ravel()[::_STRIDE]
         points = np.stack([records[name] for name in names[:3]], axis=1).astype(np.float64)
-        return share_off(points, records['sigma'].astype(np.float64), demo_part())
+        sigma = records['sigma'].astype(np.float64)
+        return share_off(points, sigma, demo_part(), turns=_TURNS)
 
 
 def _is_stopped(pid: int) -> bool:

@@ -35,6 +35,9 @@ _ATTEMPTS = 5
 _TURNS = 0.15
 # Profiles that are on disk before a fault in the middle of a scan.
 _SOME = 5
+# ... and in the middle of a sweep, well after the table has reached its speed: what happens before
+# only turns the whole part ...
+_MIDDLE = 50
 # ... and near the end of a short one, those at standstill and in the lead-in included.
 _LAST = 50
 
@@ -44,7 +47,7 @@ class FaultCase:
     """
     One fault.
 
-    stage : of the scan: homing, scanning, registering, meshing, finishing or starting
+    stage : of the scan, see ``reach``
     cause : causes it
     request : parameters of the scan
     plug : the cable of the controller is plugged in again before the next scan
@@ -163,6 +166,9 @@ def reach(cell: FaultCell, scan_id: str, stage: str) -> bool:
         'homing': lambda: has('PREPARING') and cell.table_speed() > _TURNS and not cell.lit(),
         'scanning': lambda: (
             has('SCANNING') and cell.lit() and cell.table_speed() > _TURNS and written() >= _SOME
+        ),
+        'mid-sweep': lambda: (
+            has('SCANNING') and cell.lit() and cell.table_speed() > _TURNS and written() >= _MIDDLE
         ),
         'last profiles': lambda: has('SCANNING') and written() >= _LAST,
         'registering': lambda: has('REGISTERING'),
