@@ -10,7 +10,9 @@ import pytest
 from support.cell_rig import gone
 
 
-@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize(
+    'number', [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.slow)]
+)
 def test_controller_is_reset_when_its_driver_dies(client, start, number):
     client.status.clear()
     cell = start('--simulate', '--on-exit', 'stop')

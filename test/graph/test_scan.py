@@ -55,6 +55,7 @@ def deviation(client, answer):
     return float(np.sqrt(np.median(distance**2)))
 
 
+@pytest.mark.slow
 def test_step_scan_with_two_lasers(client, cell):
     answer = scan(client, part='bracket', motion='step', profiles=12, lasers=['left', 'right'])
     assert answer['counts']['views'] == 2
