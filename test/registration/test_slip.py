@@ -143,7 +143,7 @@ def test_profiles_far_apart_are_unchecked():
     views = SlippingScan(cell=CELL, stripes=lines, seed=1).views()
     found = check_table(views, Poses.identity(2))
     assert found.code == 'UNCHECKED'
-    assert 'more than 5 degrees apart' in found.detail
+    assert 'more than 4.6 degrees apart' in found.detail
 
 
 def test_no_surface_is_unchecked():

@@ -31,6 +31,7 @@ from ivfmc_ros.storage.scans.scan_bag import recorded_profile_headers
 from support.cell_rig import Cell
 from support.cell_rig import gone
 from support.graph_rig import Client
+from support.shape_error import likely_turns
 from support.shape_error import share_off
 
 CLOCK_STEP = Path(__file__).with_name('clock_step')
@@ -41,9 +42,6 @@ _VOXEL = 0.0015
 # The beam may flicker at the end of a scan; resolution of the truth that is read, seconds.
 _RESOLUTION_S = 0.005
 _STRIDE = 9  # of the points that are compared
-# A slip before the first profile turns the whole part, which is no error of its shape: the slips
-# of the matrix and of the sequences, radians.
-_TURNS = tuple(math.radians(degrees) for degrees in (0, -1, 1, -5, 5, -20, 20))
 FINAL = ('DONE', 'FAILED', 'CANCELLED')
 
 
@@ -318,7 +316,9 @@ class FaultCell:
         records = to_structured_array(clouds[-1], 'cloud', names).ravel()[::_STRIDE]
         points = np.stack([records[name] for name in names[:3]], axis=1).astype(np.float64)
         sigma = records['sigma'].astype(np.float64)
-        return share_off(points, sigma, demo_part(), turns=_TURNS)
+        # slips of this scan and of former ones have turned the whole part
+        turns = likely_turns(points, sigma, demo_part())
+        return share_off(points, sigma, demo_part(), turns)
 
 
 def _is_stopped(pid: int) -> bool:

@@ -15,6 +15,9 @@ from ivfmc_ros.surface import Surface
 # Coverage factor of the expanded uncertainty U = k u (GUM 6.2.1).
 _COVERAGE = 2.0
 _ITERATIONS = 6
+# Points with which all rotations are tried, the tolerance for half a degree at a radius of 20 mm,
+# meters, and the number of rotations that are fitted.
+_SEARCHED, _SEARCH_TOLERANCE, _TURNS = 1500, 1.7e-4, 3
 
 
 def share_off(
@@ -35,6 +38,21 @@ def share_off(
         off = np.abs(surface.signed_distance(fitted)) > _COVERAGE * sigma
         shares.append(float(off.mean()))
     return min(shares)
+
+
+def likely_turns(points: Floats, sigma: Floats, part: Solid) -> list[float]:
+    """
+    Return rotations about the axis, radians, at which the most points lie on the part.
+
+    points, sigma : as for ``share_off``
+    """
+    surface = Surface(part.vertices_xyz, part.faces)
+    some = slice(None, None, max(1, len(points) // _SEARCHED))
+    turns = np.radians(np.arange(-180.0, 180.0))
+    turned = np.stack([points[some] @ transforms.rotation_z(turn).T for turn in turns])
+    off = np.abs(surface.signed_distance(turned.reshape(-1, 3))).reshape(len(turns), -1)
+    share = (off > _COVERAGE * sigma[some] + _SEARCH_TOLERANCE).mean(axis=1)
+    return [float(turn) for turn in turns[np.argsort(share)[:_TURNS]]]
 
 
 def _best_fit(points: Floats, sigma: Floats, surface: Surface) -> Floats:
