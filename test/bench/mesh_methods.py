@@ -5,6 +5,7 @@
 from collections.abc import Callable
 from collections.abc import Iterator
 from dataclasses import dataclass
+import math
 from pathlib import Path
 import tempfile
 import time
@@ -312,7 +313,10 @@ def bunny() -> Iterator[Number]:
     """The ten range scans of the Stanford bunny with their published poses."""
     folder = data_folder() / 'bunny'
     if not folder.is_dir():
-        raise FileNotFoundError(f'{folder}: not found; the bench of the bunny needs it')
+        # a row that is missing fails, and the others are measured
+        note = f'not measured: {folder} is missing; IVFMC_DATA names the folder of the data'
+        yield Number('bunny, median distance', math.nan, 'mm', at_most(0.2), note)
+        return
     grids = read_bunny(folder)
     steps = np.median([median_spacings(grid.points_xyz) for grid in grids], axis=0)
     voxel = float(np.sqrt(np.prod(steps)))
