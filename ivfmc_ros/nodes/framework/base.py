@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from functools import partial
 import inspect
 import signal
-import threading
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -47,6 +46,7 @@ from ivfmc_ros.nodes.framework.parameters import ParameterNode
 from ivfmc_ros.nodes.framework.service_retry import retry_responses
 from ivfmc_ros.nodes.framework.shutdown import flush
 from ivfmc_ros.nodes.framework.shutdown import ShutdownRequest
+from ivfmc_ros.nodes.framework.thread_work import start_thread
 
 DIAGNOSTICS_S = 1.0
 
@@ -240,29 +240,9 @@ class CellNode(ParameterNode):
         For work that blocks or releases the GIL, so that heartbeats go on. It must not use the
         node.
         """
-        future = Future(executor=self.executor)
-        future.add_done_callback(lambda _: None)
-
-        def work() -> None:
-            try:
-                settle = partial(future.set_result, function(*arguments))
-            except BaseException as error:  # raised where it is awaited
-                settle = partial(future.set_exception, error)
-            try:
-                settle()
-                self.wake()
-            except AttributeError:
-                # An executor that was shut down has no guard condition: the node has ended, and
-                # nothing awaits the result. Fetched, an exception is not printed by rclpy.
-                future.exception()
-
-        threading.Thread(target=work, daemon=True, name=f'{self.get_name()} work').start()
-        return future
-
-    def wake(self) -> None:
-        """Wake the executor, so that it checks its futures; callable from any thread."""
-        if self.executor is not None:
-            self.executor.wake()
+        return start_thread(
+            self.executor, f'{self.get_name()} work', partial(function, *arguments)
+        )
 
     def now_ns(self) -> int:
         """Return the node's time, ROS time where use_sim_time is set, in nanoseconds."""

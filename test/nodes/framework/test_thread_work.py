@@ -3,13 +3,12 @@
 """Work in a thread that outlives its node."""
 
 import threading
-from types import SimpleNamespace
 
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
-from ivfmc_ros.nodes.framework.base import CellNode
+from ivfmc_ros.nodes.framework.thread_work import start_thread
 
 
 @pytest.fixture
@@ -30,8 +29,7 @@ def test_work_that_ends_after_its_node_prints_nothing(executor, fails, monkeypat
         if fails:
             raise ValueError('the work failed')
 
-    node = SimpleNamespace(executor=executor, wake=executor.wake, get_name=lambda: 'plain')
-    future = CellNode.in_thread(node, work)
+    future = start_thread(executor, 'plain work', work)
     executor.shutdown()
     node_has_ended.set()
     for thread in threading.enumerate():
