@@ -41,7 +41,7 @@ def retrieving(monkeypatch, part):
 @pytest.mark.slow
 def test_two_scans_become_one_mesh(tmp_path, monkeypatch):
     retrieving(monkeypatch, demo_part())
-    answer = run('up', 'down', '-o', tmp_path / 'out', '--voxel', 3.0)
+    answer = run('up', 'down', '-o', tmp_path / 'out', '--voxel', 1.5)
     assert answer.exit_code == 0, answer.exception
     assert 'down placed on up' in answer.output
     report = json.loads((tmp_path / 'out' / 'report.json').read_text())

@@ -162,15 +162,15 @@ def reach(cell: FaultCell, scan_id: str, stage: str) -> bool:
     def written() -> int:
         return max((count for when, count in client.counts if when > begin_s), default=-1)
 
+    def sweeping(profiles: int) -> bool:
+        turns = cell.table_speed() > _TURNS
+        return has('SCANNING') and cell.lit() and turns and written() >= profiles
+
     reached = {
         'starting': lambda: True,
         'homing': lambda: has('PREPARING') and cell.table_speed() > _TURNS and not cell.lit(),
-        'scanning': lambda: (
-            has('SCANNING') and cell.lit() and cell.table_speed() > _TURNS and written() >= _SOME
-        ),
-        'mid-sweep': lambda: (
-            has('SCANNING') and cell.lit() and cell.table_speed() > _TURNS and written() >= _MIDDLE
-        ),
+        'scanning': lambda: sweeping(_SOME),
+        'mid-sweep': lambda: sweeping(_MIDDLE),
         'last profiles': lambda: has('SCANNING') and written() >= _LAST,
         'registering': lambda: has('REGISTERING'),
         'meshing': lambda: has('MESHING'),

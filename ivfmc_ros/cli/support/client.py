@@ -16,7 +16,6 @@ from ivfmc_ros.errors import ScanError
 from ivfmc_ros.nodes.framework import environment
 
 _SPIN_S = 0.1
-# Seconds to listen for heartbeats of another cell: two cells of one name answer the same calls.
 
 
 @contextmanager

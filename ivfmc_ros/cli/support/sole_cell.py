@@ -4,6 +4,8 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+import errno
+import hashlib
 import os
 import socket
 import time
@@ -26,11 +28,15 @@ def sole_cell(client: CellClient) -> Iterator[None]:
     :raises HelperError: nodes of a cell run in the namespace already
     """
     # An abstract socket needs no file, ends with its process, and, like DDS, belongs to the
-    # network namespace.
+    # network namespace. Its name is short, a namespace may be long: hence the hash.
+    cell = f'{os.environ.get("ROS_DOMAIN_ID") or 0} {client.namespace}'
+    name = hashlib.sha256(cell.encode()).hexdigest()
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as lock:
         try:
-            lock.bind(f'\0ivfmc_ros {os.environ.get("ROS_DOMAIN_ID") or 0} {client.namespace}')
+            lock.bind(f'\0ivfmc_ros {name}')
         except OSError as error:
+            if error.errno != errno.EADDRINUSE:
+                raise
             raise _busy(client, 'ivfmc up or demo on this computer') from error
         # a killed node stays in the graph for a while, but sends no heartbeat
         beating = client.watch_heartbeats()
