@@ -21,7 +21,7 @@ from ivfmc_ros.cli.support.cell_run import NODES
 from ivfmc_ros.cli.support.cell_run import OF_HARDWARE
 from ivfmc_ros.cli.support.cell_run import parse_overrides
 from ivfmc_ros.cli.support.cell_run import start
-from ivfmc_ros.cli.support.cell_run import write_bench
+from ivfmc_ros.cli.support.cell_run import write_simulated
 from ivfmc_ros.cli.support.client import cell_client
 from ivfmc_ros.cli.support.client import CellClient
 from ivfmc_ros.cli.support.processes import Processes
@@ -40,7 +40,11 @@ _POLL_S = 0.1
 
 
 @click.command()
-@click.option('--simulate', is_flag=True, help='Simulate the hardware of the bench cell.')
+@click.option(
+    '--simulate',
+    is_flag=True,
+    help='Simulate the hardware of --cell and --camera, or of the bench cell.',
+)
 @click.option(
     '--replay',
     is_flag=True,
@@ -139,9 +143,11 @@ def run_of(options: dict[str, Any]) -> CellRun:
     folder: Path = options['folder']
     cell, camera = options['cell'], options['camera']
     if simulate:
-        if cell or camera:
-            raise ParameterError('--simulate has its own --cell and --camera; leave them out')
-        cell, camera = write_bench(folder)
+        if bool(cell) != bool(camera):
+            raise ParameterError(
+                '--simulate needs both --cell and --camera, or neither for the bench cell'
+            )
+        cell, camera = write_simulated(folder, cell, camera)
     if cell is None:
         raise ParameterError('--cell cell.yaml is needed, unless the cell is simulated')
     for path in (cell, camera):

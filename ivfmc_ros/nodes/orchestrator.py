@@ -164,7 +164,9 @@ class Orchestrator(CellNode):
                 f'orchestrator {self._link.joint}; start it with the name in joint_states'
             )
         names = [laser.name for laser in draft.lasers]
-        plan = make_plan(request, names, motion, self._link.position or 0.0)
+        # homing makes its position 0
+        position = 0.0 if self.get('home') else self._link.position or 0.0
+        plan = make_plan(request, names, motion, position)
         require_steps(plan, self.get('position_tolerance'), 'position_tolerance')
         folder = scan_folder.create_scan_folder(
             Path(self.get('scan_root')).absolute(), request.part

@@ -8,6 +8,9 @@ In step motion the lasers alternate at every stop, so one sweep yields one view 
 continuous motion every view is a sweep of its own: GRBL executes laser commands only after all
 queued motion has ended, so the laser cannot change during a move.
 
+A continuous sweep begins where the table stands: the first profile follows after the lead-in. Only
+the parts of a turn that is divided into several sweeps have their places relative to the first.
+
 Two lasers see a point at two table angles, which shows lost steps of the table. With one laser
 the last sweep goes on beyond the turn (``closure``): its end repeats the beginning of the first.
 """
@@ -137,30 +140,37 @@ def make_plan(
     Plan the sweeps of a scan.
 
     lasers : names of all lasers of the cell, in its order
-    position : present position of the table, rad; the table turns in the positive direction only,
-        so that the gear's backlash is always on the same side
+    position : of the table when the scan begins, rad; it turns in the positive direction only, so
+        that the gear's backlash is always on the same side
     :raises ParameterError: the cell has no such laser, or the sweep needs a velocity above the
         table's limit
     """
     chosen = _chosen(request.lasers, lasers)
     share = _TURN / request.views
+    is_step = request.motion == 'step'
+    groups = [chosen] if is_step else [[one] for one in chosen]
+    # start of the first part of the turn, for each group of lasers
+    starts: list[float] = []
     sweeps: list[Sweep] = []
     for part in range(request.views):
         closes = len(chosen) == 1 and part == request.views - 1
         closing = _closing_profiles(request) if closes else 0
         span = (share + request.overlap) * (1.0 + closing / request.profiles)
-        for group in [chosen] if request.motion == 'step' else [[one] for one in chosen]:
+        for number, group in enumerate(groups):
             sweep = Sweep(
                 number=len(sweeps),
                 views=_view_numbers(part, group, chosen, lasers),
                 lasers=tuple(group),
-                start=part * share,
+                start=0.0,
                 span=span,
                 profiles=request.profiles + closing,
                 velocity=_velocity(request, motion),
-                dark=request.dark_frames and request.motion == 'step',
+                dark=request.dark_frames and is_step,
                 closing=closing,
             )
+            if part == 0:
+                starts.append(0.0 if is_step else position + sweep.lead_angle(motion))
+            sweep = replace(sweep, start=starts[number] + part * share)
             sweeps.append(after_position(sweep, motion, position))
             position = sweeps[-1].end(motion)
     return Plan(sweeps=tuple(sweeps))

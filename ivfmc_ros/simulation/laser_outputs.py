@@ -4,6 +4,8 @@
 
 from dataclasses import dataclass
 
+LASER_OUTPUTS = 2
+
 
 @dataclass(frozen=True, kw_only=True)
 class LaserOutputs:

@@ -19,6 +19,9 @@ import signal
 import sys
 import threading
 
+from ivfmc_ros.cell.camera_file import load_camera
+from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.cell.cell_file import load_cell
 from ivfmc_ros.devices.motion.trajectory import Segment
 from ivfmc_ros.devices.motion.trajectory import Trajectory
 from ivfmc_ros.errors import FileError
@@ -136,6 +139,12 @@ def _powers(outputs: LaserOutputs) -> tuple[float, float]:
     return outputs.spindle, outputs.coolant
 
 
+def _cell(options: argparse.Namespace) -> Cell:
+    if options.cell is None or options.camera is None:
+        return bench_cell()
+    return load_cell(options.cell, load_camera(options.camera))
+
+
 def _part(name: str, unit: str) -> Solid | None:
     if name == 'none':
         return None
@@ -151,6 +160,8 @@ def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         '--folder', type=Path, required=True, help='of the simulated cell, created if missing'
     )
+    parser.add_argument('--cell', type=Path, help='cell.yaml (default: the bench cell)')
+    parser.add_argument('--camera', type=Path, help='camera.yaml of that cell')
     parser.add_argument('--part', default='demo', help='demo, none, or an STL file')
     parser.add_argument('--unit', choices=('m', 'mm', 'inch'), default='mm', help='of the STL')
     parser.add_argument('--seed', type=int, default=0, help='of the image noise')
@@ -169,7 +180,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         signal.signal(number, lambda *_: ending.set())
     try:
         description = LiveDescription(
-            cell=with_sheet_thickness(bench_cell(), Optics()),
+            cell=with_sheet_thickness(_cell(options), Optics()),
             solid=_part(options.part, options.unit),
             optics=Optics(),
             seed=options.seed,

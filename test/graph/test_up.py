@@ -77,6 +77,7 @@ def test_no_process_remains_when_up_is_killed(client, start):
         (('--simulate', '--replay'), 'exclude each other'),
         ((), '--cell cell.yaml is needed'),
         (('--replay', '--home-switch'), 'it needs --simulate'),
+        (('--simulate', '--cell', 'cell.yaml'), 'needs both --cell and --camera'),
         (('--cell', 'nowhere.yaml'), 'nowhere.yaml: no such file'),
         (
             ('--simulate', '--namespace', 'my cell'),

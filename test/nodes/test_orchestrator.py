@@ -401,9 +401,8 @@ CONTINUOUS = {'motion': 'continuous', 'profiles': 24, 'profile_rate': 20.0, 'lea
 
 def test_missing_angles_are_taken_again(client, fake, orchestrator):
     client.set('orchestrator', **CONTINUOUS, lasers=['left'])
-    # once, in the turn after the position that the orchestrator knows
-    client.spin(0.5)
-    fake.stalls = [(2.0 * math.pi + 1.0, 2.0 * math.pi + 3.0)]
+    # once: the table turns on in the same direction
+    fake.stalls = [(1.0, 3.0)]
     success, answer = client.trigger('scan', 60.0)
     assert success, answer
     (view,) = answer['completeness']['views']
@@ -415,12 +414,12 @@ def test_missing_angles_are_taken_again(client, fake, orchestrator):
 def test_angles_that_stay_missing_end_the_scan_as_incomplete(client, fake, orchestrator, root):
     client.set('orchestrator', **CONTINUOUS, lasers=['left'])
     turns = [2.0 * math.pi * turn for turn in range(40)]
-    fake.stalls = [(turn + 1.0, turn + 3.0) for turn in turns]
+    fake.stalls = [(turn + 2.0, turn + 4.0) for turn in turns]
     success, answer = client.trigger('scan', 60.0)
     assert (success, answer['code']) == (False, 'INCOMPLETE')
     (view,) = answer['completeness']['views']
     ((low, high),) = view['missing_deg']
-    assert (low, high) == pytest.approx((57.3, 171.9), abs=25.0)
+    assert (low, high) == pytest.approx((114.6, 229.2), abs=25.0)
     assert f'view 0 (laser left): no profiles from {low} to {high} degrees' in answer['detail']
     # what was taken is kept
     assert 'mesh.stl' in answer['files']

@@ -85,8 +85,28 @@ def test_table_turns_in_positive_direction_only(motion):
     for sweep in plan(place, table, motion=motion, views=3, overlap=0.2).sweeps:
         begin = sweep.start - sweep.lead_angle(table)
         assert place - 2e-3 <= begin <= place + TURN
-        assert (sweep.start / (TURN / 3)) == pytest.approx(round(sweep.start / (TURN / 3)))
         place = sweep.start + sweep.span
+
+
+@pytest.mark.parametrize('motion', ['step', 'continuous'])
+def test_sweeps_of_a_laser_share_a_turn(motion):
+    sweeps = plan(17.3, motion=motion, views=3, overlap=0.2).sweeps
+    for laser in LASERS:
+        first, *others = [sweep.start for sweep in sweeps if laser in sweep.lasers]
+        for part, start in enumerate(others, 1):
+            assert (start - first - part * TURN / 3) / TURN == pytest.approx(
+                round((start - first - part * TURN / 3) / TURN)
+            )
+
+
+@pytest.mark.parametrize('lasers', [('left',), LASERS])
+def test_continuous_sweep_begins_where_the_table_stands(lasers):
+    # a move to an agreed start took 3 s of each sweep
+    table = MotionLimits()
+    place = 17.3
+    for sweep in plan(place, table, lasers=lasers).sweeps:
+        assert sweep.begin(table) == pytest.approx(place)
+        place = sweep.end(table)
 
 
 def test_constant_speed_is_reached_before_the_first_profile():

@@ -33,6 +33,7 @@ from support.cell_rig import gone
 from support.graph_rig import Client
 from support.shape_error import likely_turns
 from support.shape_error import share_off
+from support.small_cell import small_cell_options
 
 CLOCK_STEP = Path(__file__).with_name('clock_step')
 # Seconds until a cell is up, or a scan has ended: only a failure takes so long, on a busy machine.
@@ -177,7 +178,7 @@ class FaultCell:
         options = ['--home-switch'] if self.home_switch else []
         self._cell = Cell(
             folder,
-            '--simulate',
+            *small_cell_options(self._folder),
             *options,
             '--set',
             f'mesher.mesh.voxel={_VOXEL}',

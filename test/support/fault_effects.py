@@ -14,8 +14,7 @@ from typing import NamedTuple
 from support.fault_cell import FaultCell
 from support.fault_cell import SCAN_S
 
-# Short scans: 50 profiles in 5 s; the slips need profiles that are less than 4.6 degrees apart
-# also where the simulated camera is slower than it should be.
+# Short scans: 50 profiles in 5 s; the slips need profiles that are less than 4.6 degrees apart.
 SHORT: Mapping[str, Any] = {
     'motion': 'continuous',
     'profiles': 48,
@@ -23,7 +22,7 @@ SHORT: Mapping[str, Any] = {
     'lasers': ['left'],
     'home': False,
 }
-FINE: Mapping[str, Any] = {**SHORT, 'profiles': 100, 'profile_rate': 6.0}
+FINE: Mapping[str, Any] = {**SHORT, 'profiles': 100, 'profile_rate': 12.0}
 FINE_TWO: Mapping[str, Any] = {**FINE, 'lasers': ['left', 'right']}
 # Share of the points beyond their stated uncertainty above that of a scan without a fault from
 # which a shape is wrong: repeated scans of 50 profiles differ by a third of it.

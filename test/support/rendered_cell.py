@@ -95,7 +95,8 @@ class RenderedCell:
         self._now_s = self._beam_s = 0.0
         # when the fault began, in the seconds of the cell
         self._begun_s = math.inf
-        self._position = 0.0
+        # the table stands where the plan begins
+        self._position = plan.sweeps[0].begin(motion)
         self._laser: int | None = None
         self._profiles: list[Profile] = []
         self._clocks = ClockMonitor(lambda: self._now_s, lambda: self._wall_s('orchestrator'))

@@ -198,7 +198,9 @@ def good(case: Case) -> str:
 def _scan(case: Case, fault: Fault) -> tuple[str, str, RenderedCell]:
     request = ScanRequest(profiles=STEPS, lasers=LASERS[: case.lasers])
     motion = MotionLimits(profile_rate=RATE)
-    plan = make_plan(request, LASERS, motion)
+    # where a sweep begins and ends is where one laser sees the part twice
+    position = np.random.default_rng((27, case.seed)).uniform(0.0, 2.0 * np.pi)
+    plan = make_plan(request, LASERS, motion, position)
     tools = RenderedCell(
         bench_cell(), _measured(case.part, case.seed), plan, motion, fault, case.seed
     )

@@ -16,7 +16,7 @@ from ivfmc_ros.cli.support.cell_run import CellRun
 from ivfmc_ros.cli.support.cell_run import NAMESPACE
 from ivfmc_ros.cli.support.cell_run import NODES
 from ivfmc_ros.cli.support.cell_run import start
-from ivfmc_ros.cli.support.cell_run import write_bench
+from ivfmc_ros.cli.support.cell_run import write_simulated
 from ivfmc_ros.cli.support.client import cell_client
 from ivfmc_ros.cli.support.client import CellClient
 from ivfmc_ros.cli.support.output import console
@@ -52,7 +52,7 @@ def run_graph(output: Path, seed: int, wanted: Mapping[str, Any]) -> None:
     output.mkdir(parents=True, exist_ok=True)
     # other cells on the network must not answer
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    cell, camera = write_bench(output)
+    cell, camera = write_simulated(output)
     run = CellRun(
         folder=output,
         scans=output / 'scans',

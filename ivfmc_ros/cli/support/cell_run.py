@@ -15,15 +15,19 @@ from typing import Any
 
 import yaml
 
+from ivfmc_ros.cell.camera_file import load_camera
 from ivfmc_ros.cell.camera_file import save_camera
+from ivfmc_ros.cell.cell_file import load_cell
 from ivfmc_ros.cell.cell_file import load_draft
 from ivfmc_ros.cell.cell_file import save_cell
 from ivfmc_ros.cell.urdf import write_urdf
 from ivfmc_ros.cli.support.processes import Processes
+from ivfmc_ros.errors import CellError
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.nodes.framework import environment
 from ivfmc_ros.simulation.bench import bench_cell
+from ivfmc_ros.simulation.laser_outputs import LASER_OUTPUTS
 from ivfmc_ros.simulation.render.optics import Optics
 from ivfmc_ros.simulation.render.optics import with_sheet_thickness
 
@@ -102,16 +106,27 @@ def namespace_of(text: str) -> str:
     return name
 
 
-def write_bench(folder: Path) -> tuple[Path, Path]:
+def write_simulated(
+    folder: Path, cell: Path | None = None, camera: Path | None = None
+) -> tuple[Path, Path]:
     """
-    Write the calibration of the simulated bench cell and return cell.yaml and camera.yaml.
+    Write the calibration of a simulated cell and return cell.yaml and camera.yaml.
 
-    :raises FileError: it cannot be written
+    cell, camera : files of the cell to simulate, by default the bench cell; the thickness of its
+        light sheets is that of the simulated lasers
+    :raises CellError: a file is not valid, or the cell has too many lasers
+    :raises FileError: a file cannot be read or written
     """
     make_folder(folder)
-    cell = with_sheet_thickness(bench_cell(), Optics())
-    save_cell(folder / 'cell.yaml', cell)
-    save_camera(folder / 'camera.yaml', cell.camera)
+    found = load_cell(cell, load_camera(camera)) if cell and camera else bench_cell()
+    if len(found.lasers) > LASER_OUTPUTS:
+        raise CellError(
+            f'{cell}: lasers: the simulated controller has {LASER_OUTPUTS} outputs, the cell has '
+            f'{len(found.lasers)} lasers'
+        )
+    found = with_sheet_thickness(found, Optics())
+    save_cell(folder / 'cell.yaml', found)
+    save_camera(folder / 'camera.yaml', found.camera)
     return folder / 'cell.yaml', folder / 'camera.yaml'
 
 
@@ -173,6 +188,9 @@ def own_parameters(run: CellRun, node: str) -> dict[str, Any]:
 def _simulation(run: CellRun) -> list[str]:
     words = [sys.executable, '-m', f'ivfmc_ros.simulation.{SIMULATION}']
     words += ['--folder', str(run.simulation.absolute()), '--seed', str(run.seed)]
+    words += ['--cell', str(run.cell.absolute())]
+    if run.camera is not None:
+        words += ['--camera', str(run.camera.absolute())]
     words += ['--part', run.part]
     if run.home_switch:
         words.append('--homing')

@@ -1,14 +1,21 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
+from support.small_cell import small_cell_options
 from support.synthetic import small_cell
 
+from ivfmc_ros.cell.camera_file import load_camera
+from ivfmc_ros.cell.camera_file import save_camera
+from ivfmc_ros.cell.cell_file import load_cell
 from ivfmc_ros.cell.cell_file import save_cell
 from ivfmc_ros.cli.support.cell_run import CellRun
 from ivfmc_ros.cli.support.cell_run import command
 from ivfmc_ros.cli.support.cell_run import parse_overrides
+from ivfmc_ros.cli.support.cell_run import write_simulated
+from ivfmc_ros.errors import CellError
 
 
 @pytest.fixture
@@ -35,3 +42,21 @@ def test_what_is_set_by_hand_is_stronger(run):
     overrides = parse_overrides(['turntable.joint=other', 'turntable.velocity=2'])
     words = parameters(command(replace(run, overrides=overrides), 'turntable'))
     assert words == ['joint:=other', 'velocity:=2']
+
+
+def test_any_cell_can_be_simulated(tmp_path):
+    _, _, cell, _, camera = small_cell_options(tmp_path)
+    written, written_camera = write_simulated(tmp_path / 'run', Path(cell), Path(camera))
+    found = load_cell(written, load_camera(written_camera))
+    assert found.camera.size == (640, 512)
+    # known to the cell, as the simulated light has it
+    assert all(laser.thickness > 0.0 for laser in found.lasers)
+
+
+def test_cell_with_more_lasers_than_the_simulated_controller_switches_is_refused(tmp_path):
+    cell = small_cell()
+    three = [replace(cell.lasers[0], name=name) for name in ('left', 'right', 'top')]
+    save_cell(tmp_path / 'cell.yaml', replace(cell, lasers=tuple(three)))
+    save_camera(tmp_path / 'camera.yaml', cell.camera)
+    with pytest.raises(CellError, match='has 2 outputs, the cell has 3 lasers'):
+        write_simulated(tmp_path / 'run', tmp_path / 'cell.yaml', tmp_path / 'camera.yaml')
