@@ -25,7 +25,7 @@ LIBRARIES := \
 BY_FILE := --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help env lint test test-slow demo bench faults docs docs-check reference figures pictures clean distclean
+.PHONY: help env lint test test-slow demo bench faults soak docs docs-check reference figures pictures clean distclean
 
 help:
 	@echo 'make env     build $(VENV) with all that tests and demo need (PYTHON=$(PYTHON))'
@@ -33,6 +33,7 @@ help:
 	@echo 'make demo    scan the demo part in a simulated cell into build/demo'
 	@echo 'make bench   measure figures into build/bench; NAME=stripe: one group'
 	@echo 'make faults  cause faults in scans and in a cell of real processes; about an hour'
+	@echo 'make soak    200 short scans in a row: memory, files and threads that a scan leaves'
 	@echo 'make docs    build the documentation into build/docs'
 	@echo 'make reference, make figures, make pictures'
 	@echo '             write the pages and pictures of docs/ made from code, build/bench, simulation'
@@ -73,6 +74,9 @@ bench: $(READY)
 
 faults: $(READY)
 	PYTHONPATH=test $(BIN)/python -m bench faults
+
+soak: $(READY)
+	PYTHONPATH=test $(BIN)/python -m bench soak
 
 # All pages and references are read and checked; writing HTML takes as long again.
 docs-check: $(READY)

@@ -220,6 +220,10 @@ class FaultCell:
             for pid in left:
                 os.kill(pid, signal.SIGKILL)
 
+    def processes(self) -> set[int]:
+        """Return the process ids of the cell, those of helpers included."""
+        return self._cell.processes() if self._cell else set()
+
     def find_processes(self) -> None:
         """Look up the ids of the nodes; those that were started again have others."""
         if self._cell is not None:
