@@ -144,11 +144,15 @@ def _rotation(found: Correspondences) -> tuple[float, float]:
     spread = _MAD * float(np.median(np.abs(residuals - np.median(residuals))))
     deviation = np.maximum(found.sigma, spread)
     rotation, information = 0.0, 0.0
+    weight = np.ones(len(arms))
     for _ in range(_ITERATIONS):
         error = (residuals + rotation * arms) / deviation
         weight = np.minimum(1.0, _HUBER / np.maximum(np.abs(error), 1e-12)) / deviation**2
-        information = float((weight * arms**2).sum())
+        information = float((weight * leverage).sum())
         if not information > 0.0:
             return math.nan, math.nan
         rotation = -float((weight * arms * residuals).sum()) / information
-    return rotation, information**-0.5
+    # the few surfels that hold the rotation scatter more than the many that do not (White 1980)
+    scores = weight * arms * (residuals + rotation * arms)
+    sandwich = float((scores**2).sum()) / information**2
+    return rotation, math.sqrt(max(1.0 / information, sandwich))

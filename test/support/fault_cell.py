@@ -21,16 +21,17 @@ from std_srvs.srv import Trigger
 from ivfmc_ros.cli.support.cell_run import NODES
 from ivfmc_ros.errors import BagError
 from ivfmc_ros.errors import FileError
+from ivfmc_ros.meshing.io.export import write_solid
 from ivfmc_ros.nodes.framework import qos
 from ivfmc_ros.simulation.live.folder import LiveFolder
 from ivfmc_ros.simulation.live.truth import TruthReader
-from ivfmc_ros.simulation.parts.solids import demo_part
 from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.messages.point_clouds import to_structured_array
 from ivfmc_ros.storage.scans.scan_bag import recorded_profile_headers
 from support.cell_rig import Cell
 from support.cell_rig import gone
 from support.graph_rig import Client
+from support.rendered_faults import part_called
 from support.shape_error import likely_turns
 from support.shape_error import share_off
 from support.small_cell import small_cell_options
@@ -43,6 +44,8 @@ _VOXEL = 0.0015
 # The beam may flicker at the end of a scan; resolution of the truth that is read, seconds.
 _RESOLUTION_S = 0.005
 _STRIDE = 9  # of the points that are compared
+# A part that shows a rotation on all sides; the demo part is mostly round.
+_PART = 'bracket'
 FINAL = ('DONE', 'FAILED', 'CANCELLED')
 
 
@@ -180,6 +183,8 @@ class FaultCell:
             folder,
             *small_cell_options(self._folder),
             *options,
+            '--part',
+            str(self._part_file()),
             '--set',
             f'mesher.mesh.voxel={_VOXEL}',
             PYTHONPATH=str(CLOCK_STEP),
@@ -191,6 +196,13 @@ class FaultCell:
         if self.home_switch:
             success, answer = self.client.trigger('turntable/home')
             assert success, answer
+
+    def _part_file(self) -> Path:
+        path = self._folder / f'{_PART}.stl'
+        if not path.exists():
+            part = part_called(_PART)
+            write_solid(path, part.vertices_xyz, part.faces)
+        return path
 
     def _is_ready(self) -> bool:
         if not self.running:
@@ -322,8 +334,8 @@ class FaultCell:
         points = np.stack([records[name] for name in names[:3]], axis=1).astype(np.float64)
         sigma = records['sigma'].astype(np.float64)
         # slips of this scan and of former ones have turned the whole part
-        turns = likely_turns(points, sigma, demo_part())
-        return share_off(points, sigma, demo_part(), turns)
+        part = part_called(_PART)
+        return share_off(points, sigma, part, likely_turns(points, sigma, part))
 
 
 def _is_stopped(pid: int) -> bool:

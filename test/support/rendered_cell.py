@@ -276,6 +276,15 @@ class RenderedCell:
         """Nothing is meshed: the points are compared with the part."""
         return {}
 
+    @property
+    def inspects(self) -> bool:
+        """There is no recipe."""
+        return False
+
+    async def inspect(self, outcome: Outcome) -> Mapping[str, Any]:
+        """There is no recipe."""
+        raise NotImplementedError
+
     async def finish(self, outcome: Outcome) -> None:
         """Nothing is written."""
 
