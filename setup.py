@@ -116,6 +116,8 @@ setup(
         ],
         # catalogue of a plant
         'postgresql': ['psycopg[binary]>=3.1'],
+        # ivfmc gateway opcua
+        'opcua': ['asyncua>=1.1'],
         # reconstruction of many bags on a cluster
         'dask': ['distributed>=2024.1'],
         # no wheels for ARM
@@ -133,6 +135,7 @@ setup(
             'sphinx-copybutton',
         ],
         'test': [
+            'asyncua>=1.1',
             'build>=1.0',
             'colcon-common-extensions>=0.3',
             'fast-simplification>=0.2',

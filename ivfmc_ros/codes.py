@@ -39,6 +39,10 @@ CODES = {
         '`cell.yaml` is damaged or does not fit the camera.',
         'Correct the file or calibrate again.',
     ),
+    'BAD_RECIPE': Code(
+        'There is no recipe of this name in `recipe_root`, or it is not valid.',
+        'Correct the file or the name; `ivfmc recipes` checks all recipes of a cell.',
+    ),
     'NOT_CHECKED': Code(
         'The last acceptance test of the cell is missing, too old, failed or of another '
         'calibration, and `check_policy` is `refuse`.',

@@ -36,6 +36,12 @@ class CellError(FileError):
     code = 'BAD_CELL'
 
 
+class RecipeError(FileError):
+    """A recipe is invalid, or there is none of this name."""
+
+    code = 'BAD_RECIPE'
+
+
 class CalibrationError(ScanError):
     """The images do not determine a calibration well enough."""
 

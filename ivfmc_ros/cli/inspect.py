@@ -3,7 +3,6 @@
 """``ivfmc inspect``: compares a mesh with its CAD model and judges it by ISO 14253-1."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 import sys
 from typing import Any
@@ -25,7 +24,6 @@ from ivfmc_ros.cli.support.quantities import length
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.inspection.alignment import align_datums
 from ivfmc_ros.inspection.alignment import Alignment
-from ivfmc_ros.inspection.alignment import METHODS
 from ivfmc_ros.inspection.conditions import Conditions
 from ivfmc_ros.inspection.datum_alignment import align_features
 from ivfmc_ros.inspection.inspect import inspect as run
@@ -34,10 +32,11 @@ from ivfmc_ros.inspection.mesh_file import MeshBody
 from ivfmc_ros.inspection.mesh_file import read_mesh
 from ivfmc_ros.inspection.mesh_file import require_closed
 from ivfmc_ros.inspection.mesh_file import require_similar_size
-from ivfmc_ros.inspection.reports.html import Page
 from ivfmc_ros.inspection.reports.html import write_html
+from ivfmc_ros.inspection.reports.inspection_page import inspection_page
 from ivfmc_ros.inspection.reports.json_report import write_report
 from ivfmc_ros.inspection.reports.summary import document
+from ivfmc_ros.inspection.settings import ALIGNMENTS
 from ivfmc_ros.inspection.settings import InspectSettings
 from ivfmc_ros.inspection.tolerances import load_tolerances
 from ivfmc_ros.inspection.tolerances import Tolerances
@@ -84,7 +83,7 @@ _UNDECIDED = 4  # exit code
 )
 @click.option(
     '--align',
-    type=click.Choice(METHODS),
+    type=click.Choice(ALIGNMENTS),
     default='best_fit',
     show_default=True,
     help='How the mesh is aligned to the nominal; global needs no first guess, within_tolerance '
@@ -160,7 +159,7 @@ def inspect(
     settings = _settings(options)
     files.require_new_folder(output)
     cell = _cell(options['cell_path'], options['camera_path'])
-    settings = _with_scale(settings, cell)
+    settings = settings.with_scale_of(cell)
     measured = read_mesh(mesh, options['unit'])
     wanted = read_mesh(nominal, options['nominal_unit'])
     units = options['unit'], options['nominal_unit']
@@ -171,30 +170,14 @@ def inspect(
     figures = {'mesh': str(mesh), 'nominal': str(nominal), **document(found, settings)}
     with files.atomic_folder(output) as folder:
         write_report(folder / 'report.json', figures)
-        write_html(folder / 'report.html', _page(found, settings, figures, mesh, nominal))
+        page = inspection_page(f'{mesh.name} against {nominal.name}', found, settings, figures)
+        write_html(folder / 'report.html', page)
     if as_json:
         print_json(figures)
     else:
         _print(found, figures, output)
     if exit_code:
         sys.exit(_EXIT_CODES.get(figures['verdict'], _UNDECIDED))
-
-
-def _page(
-    found: Inspection,
-    settings: InspectSettings,
-    figures: dict[str, Any],
-    mesh: Path,
-    nominal: Path,
-) -> Page:
-    return Page(
-        title=f'{mesh.name} against {nominal.name}',
-        vertices_xyz=found.vertices_xyz,
-        faces=found.faces,
-        values=found.deviations,
-        span=2.0 * settings.tolerance,
-        figures=figures,
-    )
 
 
 def _settings(options: dict[str, Any]) -> InspectSettings:
@@ -213,14 +196,6 @@ def _settings(options: dict[str, Any]) -> InspectSettings:
             expansion=options['expansion'],
         ),
     )
-
-
-def _with_scale(settings: InspectSettings, cell: Cell | None) -> InspectSettings:
-    """Return the settings with the scale uncertainty that the cell states, if none is given."""
-    joint = None if cell is None else cell.covariance
-    if settings.conditions.scale_u or joint is None or not joint.scale_u:
-        return settings
-    return replace(settings, conditions=replace(settings.conditions, scale_u=joint.scale_u))
 
 
 def _cell(cell_path: Path | None, camera_path: Path | None) -> Cell | None:

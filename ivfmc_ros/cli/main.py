@@ -16,7 +16,9 @@ from ivfmc_ros.errors import ScanError
 _COMMANDS = {
     'calibrate': 'ivfmc_ros.cli.calibrate:calibrate',
     'demo': 'ivfmc_ros.cli.demo:demo',
+    'gateway': 'ivfmc_ros.cli.gateway:gateway',
     'merge': 'ivfmc_ros.cli.merge:merge',
+    'recipes': 'ivfmc_ros.cli.recipes:recipes',
     'replay': 'ivfmc_ros.cli.replay:replay',
     'scan': 'ivfmc_ros.cli.scan:scan',
     'scans': 'ivfmc_ros.cli.scans:scans',

@@ -36,7 +36,10 @@ _SILENCE_S = 5.0
 
 @click.command()
 @click.option('--part', help='Name of the part.')
-@click.option('--recipe', help='Name of the recipe.')
+@click.option(
+    '--recipe',
+    help='Name of a recipe of the cell; what it sets is stronger than the options here.',
+)
 @click.option('--views', type=int, help='Sweeps a turn, for each laser.')
 @click.option('--overlap', type=angle(0.0, math.pi), help='By which neighboring sweeps overlap.')
 @click.option(
@@ -193,6 +196,10 @@ def say(result: dict[str, Any]) -> None:
     )
     if result.get('detail'):
         stdout.print(result['detail'])
+    if result.get('verdict'):
+        inspection = result['inspection']
+        reason = f' ({inspection["reason"]})' if inspection.get('reason') else ''
+        stdout.print(f'verdict: {result["verdict"]}{reason}', soft_wrap=True)
     for name, path in result['files'].items():
         if not name.endswith(('.json', '.yaml')) or name == 'report.json':
             stdout.print(path, soft_wrap=True)

@@ -59,6 +59,11 @@ _POLL_S = 0.1
 )
 @click.option('--scans', type=_PATH, help='Folder of the scans (default: FOLDER/scans).')
 @click.option('--config', type=_PATH, help='Folder with <node>.yaml (default: the bench cell).')
+@click.option(
+    '--recipes',
+    type=_PATH,
+    help='Folder of the recipes (default: FOLDER/recipes, where it exists).',
+)
 @click.option('--cell', type=_PATH, help='cell.yaml of the cell.')
 @click.option('--camera', type=_PATH, help='camera.yaml, where the driver has none.')
 @click.option('--namespace', default=NAMESPACE, show_default=True, help='Name of the cell.')
@@ -167,8 +172,18 @@ def run_of(options: dict[str, Any]) -> CellRun:
         unit=options['unit'],
         seed=options['seed'],
         home_switch=options['home_switch'],
+        recipes=_recipes(folder, options['recipes']),
         overrides=parse_overrides(options['overrides']),
     )
+
+
+def _recipes(folder: Path, given: Path | None) -> Path | None:
+    found = given or folder / 'recipes'
+    if found.is_dir():
+        return found
+    if given is not None:
+        raise FileError(f'{given}: no such folder')
+    return None
 
 
 @contextmanager

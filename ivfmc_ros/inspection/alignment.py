@@ -20,7 +20,6 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.surface import Surface
 from ivfmc_ros.validation import require_one_of
 
-METHODS = ('best_fit', 'within_tolerance', 'global', 'none', 'datum')
 # Points and iterations of the global search and of the final fit.
 _COARSE_POINTS, _FINE_POINTS = 1500, 20_000
 _COARSE_ITERATIONS, _FINE_ITERATIONS = 12, 40
@@ -48,7 +47,7 @@ class Alignment:
 
     nominal_from_mesh : (4, 4)
     rms : meters, of the trimmed point-to-surface distances, or of the datum points
-    method : one of ``METHODS``
+    method : one of ``settings.ALIGNMENTS``
     """
 
     nominal_from_mesh: Floats

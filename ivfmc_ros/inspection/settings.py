@@ -5,11 +5,15 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
+from dataclasses import replace
 
+from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.inspection.conditions import Conditions
 from ivfmc_ros.inspection.tolerances import Tolerances
 from ivfmc_ros.validation import require_in_range
 
+# How a mesh is aligned to its nominal.
+ALIGNMENTS = ('best_fit', 'within_tolerance', 'global', 'none', 'datum')
 # Meters; points closer to the edge of a region are not judged: the stripe is biased where an edge
 # cuts it, and the mesh is rounded over its kernel of 3 voxels.
 EDGE = 1.0e-3
@@ -22,7 +26,7 @@ class InspectSettings:
 
     tolerance : largest permitted deviation to either side, of surfaces and of diameters
     features : tolerances of single features by name and characteristic, as in ``Tolerances``
-    align : best_fit, within_tolerance, global or none
+    align : one of ``ALIGNMENTS``
     edge : vertices closer to the edge of a region are not judged
     vertex_u : stated standard uncertainty of the vertices, of a mesh that was not measured with a
         known cell; taken as common to neighboring vertices
@@ -41,6 +45,13 @@ class InspectSettings:
         require_in_range('edge', self.edge, 0.0, 1.0, 'm')
         if self.vertex_u is not None:
             require_in_range('vertex_u', self.vertex_u, 0.0, 1.0, 'm', open_low=True)
+
+    def with_scale_of(self, cell: Cell | None) -> 'InspectSettings':
+        """Return the settings with the scale uncertainty that a cell states, if none is set."""
+        joint = None if cell is None else cell.covariance
+        if self.conditions.scale_u or joint is None or not joint.scale_u:
+            return self
+        return replace(self, conditions=replace(self.conditions, scale_u=joint.scale_u))
 
     @property
     def tolerances(self) -> Tolerances:

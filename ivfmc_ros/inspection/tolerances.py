@@ -87,16 +87,27 @@ def load_tolerances(path: Path, default: float) -> Tolerances:
         raise ParameterError(
             f"{path}: needs the keys 'default' (a number, mm) and 'features' (by name)"
         )
-    features = read.get('features') or {}
-    if not isinstance(features, Mapping):
-        raise ParameterError(f"{path}: features: needs names, such as 'cylinder 3'")
     try:
         return Tolerances(
             default=_meters('default', read['default']) if 'default' in read else default,
-            features={str(name): _feature(str(name), given) for name, given in features.items()},
+            features=feature_tolerances(read.get('features')),
         )
     except ParameterError as error:
         raise ParameterError(f'{path}: {error}') from None
+
+
+def feature_tolerances(given: Any) -> dict[str, dict[str, float]]:
+    """
+    Return tolerances in meters by feature and characteristic.
+
+    given : as in a file, lengths in mm: {'cylinder 3': {'diameter': 0.05}, 'plane 1': 0.1}; None
+        for none
+    :raises ParameterError: it has another form
+    """
+    features = {} if given is None else given
+    if not isinstance(features, Mapping):
+        raise ParameterError("features: needs names, such as 'cylinder 3'")
+    return {str(name): _feature(str(name), values) for name, values in features.items()}
 
 
 def _feature(name: str, given: Any) -> dict[str, float]:

@@ -152,8 +152,9 @@ class Orchestrator(CellNode):
         if self._running is not None:
             scan_id = self._running.scan_id
             raise BusyError(f'scan {scan_id} is {self._running.machine.stage}', scan_id=scan_id)
-        request = self.scan_parameters.request()
-        motion = self.scan_parameters.motion()
+        recipe = self.scan_parameters.recipe()
+        request = self.scan_parameters.request(recipe)
+        motion = self.scan_parameters.motion(recipe)
         cell = Path(self.get('cell'))
         if not self.get('cell'):
             raise CellError('orchestrator: cell: is empty; set it to the path of cell.yaml')
@@ -182,7 +183,9 @@ class Orchestrator(CellNode):
             tolerance=self.get('position_tolerance'),
             patience=self.get('profile_patience'),
             home=self.get('home'),
-            limits=self.scan_parameters.limits(),
+            limits=self.scan_parameters.limits(recipe),
+            recipe=recipe,
+            recipe_root=Path(self.get('recipe_root')).absolute(),
         )
         tools = GraphTools(self, self._link, self._service_clients, context, machine)
         running = RunningScan(

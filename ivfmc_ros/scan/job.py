@@ -1,7 +1,7 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The sequence of a scan: prepare, take every sweep, register, mesh, finish.
+The sequence of a scan: prepare, take every sweep, register, mesh, inspect by recipe, finish.
 
 Every action goes through the protocol ``Tools``: the orchestrator implements it by topics and
 services of the graph, a test by plain functions. The sequence imports no ROS and starts no thread.
@@ -77,6 +77,13 @@ class Tools(Protocol):
     async def build_mesh(self) -> Mapping[str, Any]:
         """Build the mesh and its files; return the mesher's response."""
 
+    @property
+    def inspects(self) -> bool:
+        """Whether the mesh is judged by a recipe."""
+
+    async def inspect(self, outcome: 'Outcome') -> Mapping[str, Any]:
+        """Judge the mesh; return the verdict with the measured features."""
+
     async def finish(self, outcome: 'Outcome') -> None:
         """Close the bag and write the figures of the scan."""
 
@@ -92,6 +99,7 @@ class Outcome:
     code : 'OK', or the code of the error that ended the scan, or of what is wrong with its result
     detail : message of that error
     registration, mesh : responses of registrar and mesher
+    inspection : verdict and measured features; empty without a recipe that asks for them
     completeness : what came of the planned views and images
     seconds : duration of each stage
     """
@@ -100,6 +108,7 @@ class Outcome:
     detail: str = ''
     registration: Mapping[str, Any] = field(default_factory=dict)
     mesh: Mapping[str, Any] = field(default_factory=dict)
+    inspection: Mapping[str, Any] = field(default_factory=dict)
     completeness: Mapping[str, Any] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -171,6 +180,11 @@ async def _stages(
     with watch.stage('meshing'):
         outcome.mesh = await tools.build_mesh()
     machine.raise_if_cancelled()
+    if tools.inspects:
+        machine.advance(Stage.INSPECTING)
+        with watch.stage('inspecting'):
+            outcome.inspection = await tools.inspect(outcome)
+        machine.raise_if_cancelled()
     machine.advance(Stage.FINISHING)
     outcome.seconds = watch.seconds
     with watch.stage('finishing'):

@@ -16,7 +16,7 @@ _STEP_S = 0.6
 _SWEEP_START_S = 1.0
 # Estimate for registration and meshing together, seconds per profile.
 _PROCESSING_S = 0.05
-_PROCESSING_STAGES = (Stage.REGISTERING, Stage.MESHING, Stage.FINISHING)
+_PROCESSING_STAGES = (Stage.REGISTERING, Stage.MESHING, Stage.INSPECTING, Stage.FINISHING)
 
 
 class ScanProgress:

@@ -44,6 +44,7 @@ def write_figures(folder: Path, outcome: Outcome, document: Mapping[str, Any]) -
         'detail': outcome.detail,
         'registration': outcome.registration,
         'mesh': outcome.mesh,
+        **({'inspection': outcome.inspection} if outcome.inspection else {}),
         'completeness': outcome.completeness,
         'seconds': outcome.seconds,
     }

@@ -18,6 +18,7 @@ class Stage(StrEnum):
     PAUSED = 'PAUSED'
     REGISTERING = 'REGISTERING'
     MESHING = 'MESHING'
+    INSPECTING = 'INSPECTING'
     FINISHING = 'FINISHING'
     DONE = 'DONE'
     FAILED = 'FAILED'
@@ -33,7 +34,8 @@ _NEXT_STAGES: dict[Stage, tuple[Stage, ...]] = {
     Stage.SCANNING: (Stage.PAUSED, Stage.REGISTERING),
     Stage.PAUSED: (Stage.SCANNING,),
     Stage.REGISTERING: (Stage.MESHING,),
-    Stage.MESHING: (Stage.FINISHING,),
+    Stage.MESHING: (Stage.INSPECTING, Stage.FINISHING),
+    Stage.INSPECTING: (Stage.FINISHING,),
     Stage.FINISHING: (Stage.DONE,),
     Stage.DONE: (),
     Stage.FAILED: (),

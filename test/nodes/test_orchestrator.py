@@ -19,7 +19,7 @@ from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 
 KEYS = {
     'scan_id', 'stage', 'views_done', 'views_total', 'profiles_done', 'profiles_total', 'eta_s',
-    'code', 'result', 'report', 'report_error',
+    'code', 'verdict', 'result', 'report', 'report_error',
 }  # fmt: skip
 
 

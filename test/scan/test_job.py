@@ -26,6 +26,7 @@ class FakeTools:
         self.lit = None
         self.profile_rate = 10.0
         self.missing = []
+        self.inspects = False
         self.verdicts = []
         self._at = at or {}
 
@@ -86,6 +87,10 @@ class FakeTools:
         self._do('build')
         return {'faces': 12}
 
+    async def inspect(self, outcome):
+        self._do('inspect', outcome.code)
+        return {'verdict': 'fail'}
+
     async def finish(self, outcome):
         self._do('finish', outcome.code)
 
@@ -96,12 +101,13 @@ class FakeTools:
         return [what[0] for what in self.done]
 
 
-def run(at=None, verdicts=(), missing=(), **values):
+def run(at=None, verdicts=(), missing=(), inspects=False, **values):
     machine = StateMachine()
     stages = []
     machine._on_change = stages.append
     tools = FakeTools(machine, at)
     tools.verdicts, tools.missing = list(verdicts), list(missing)
+    tools.inspects = inspects
     plan = make_plan(ScanRequest(**values), ('left', 'right'), MOTION)
     outcome = asyncio.run(run_job(machine, plan, MOTION, tools))
     return tools, outcome, stages
@@ -120,6 +126,28 @@ def test_step_scan_stops_for_every_profile():
     assert set(outcome.seconds) == {
         'preparing', 'scanning', 'registering', 'meshing', 'finishing',
     }  # fmt: skip
+
+
+def test_mesh_is_judged_before_the_scan_finishes_and_its_code_is_that_of_the_scan():
+    tools, outcome, stages = run(inspects=True)
+    assert tools.names()[-3:] == ['build', 'inspect', 'finish']
+    assert stages[-4:] == [Stage.MESHING, Stage.INSPECTING, Stage.FINISHING, Stage.DONE]
+    # a part that is out of tolerance is no fault of the scan
+    assert (outcome.code, outcome.inspection) == ('OK', {'verdict': 'fail'})
+    assert 'inspecting' in outcome.seconds
+
+
+def test_scan_is_cancelled_while_its_mesh_is_judged():
+    machine = StateMachine()
+    stages = []
+    machine._on_change = stages.append
+    tools = FakeTools(machine, {'inspect': machine.cancel})
+    tools.inspects = True
+    plan = make_plan(ScanRequest(), ('left', 'right'), MOTION)
+    outcome = asyncio.run(run_job(machine, plan, MOTION, tools))
+    assert outcome.code == 'CANCELLED'
+    assert stages[-2:] == [Stage.INSPECTING, Stage.CANCELLED]
+    assert 'finish' not in tools.names()
 
 
 def test_dark_frame_comes_first_at_every_stop():

@@ -61,6 +61,7 @@ class CellRun:
     nodes : which are started
     part, unit : what stands on the table of a simulated cell: an STL file and its unit
     home_switch : the simulated table has one, and is locked until it is homed
+    recipes : folder of the recipes, or None
     overrides : parameters by node, stronger than the files
     """
 
@@ -76,6 +77,7 @@ class CellRun:
     unit: str = 'mm'
     seed: int = 0
     home_switch: bool = False
+    recipes: Path | None = None
     overrides: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
@@ -172,6 +174,8 @@ def own_parameters(run: CellRun, node: str) -> dict[str, Any]:
         'recorder': {'scan_root': root},
         'orchestrator': {'cell': cell, 'scan_root': root},
     }
+    if run.recipes is not None:
+        found['orchestrator']['recipe_root'] = str(run.recipes.absolute())
     table = load_draft(run.cell).turntable
     if table is not None:
         found['orchestrator']['joint'] = table.joint

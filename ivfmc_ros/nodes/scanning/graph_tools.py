@@ -20,6 +20,7 @@ from ivfmc_ros.nodes.framework.futures import Condition
 from ivfmc_ros.nodes.framework.futures import ServiceClients
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
 from ivfmc_ros.nodes.scanning.cell_link import JOINTS
+from ivfmc_ros.nodes.scanning.mesh_verdict import judge_mesh
 from ivfmc_ros.nodes.scanning.scan_checks import ScanChecks
 from ivfmc_ros.nodes.scanning.scan_context import ScanContext
 from ivfmc_ros.nodes.scanning.scan_guard import NOT_RECORDED
@@ -322,6 +323,15 @@ class GraphTools:
         answer = await self._services.trigger(f'{node}/{service}', _PROCESSING_S, self._guard)
         self._working = ''
         return answer
+
+    @property
+    def inspects(self) -> bool:
+        """Whether the recipe of the scan judges its mesh."""
+        return self.context.inspects
+
+    async def inspect(self, outcome: Outcome) -> Mapping[str, Any]:
+        """Judge the mesh by the recipe."""
+        return await judge_mesh(self.context, outcome, self._until)
 
     async def finish(self, outcome: Outcome) -> None:
         """Close the bag and write the figures of the scan; its images are rendered later."""

@@ -24,6 +24,7 @@ from ivfmc_ros.scan import scan_folder
 from ivfmc_ros.scan.job import Outcome
 from ivfmc_ros.scan.job import run_job
 from ivfmc_ros.scan.progress import ScanProgress
+from ivfmc_ros.scan.recipe_verdict import INSPECTION
 from ivfmc_ros.scan.report import PENDING
 from ivfmc_ros.scan.report import REPORT_PAGE
 from ivfmc_ros.scan.state_machine import FINAL_STAGES
@@ -31,6 +32,7 @@ from ivfmc_ros.scan.state_machine import Stage
 from ivfmc_ros.scan.state_machine import StateMachine
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.catalogue.catalogue_writer import CatalogueWriter
+from ivfmc_ros.storage.catalogue.inspections import add_inspection
 from ivfmc_ros.storage.messages.camera_info import to_camera
 
 # Time-out of a locked catalogue, seconds: short, because it blocks the node.
@@ -46,6 +48,7 @@ _KEYS = (
     'profiles_total',
     'eta_s',
     'code',
+    'verdict',
     'result',
     'report',
     'report_error',
@@ -120,6 +123,9 @@ class RunningScan:
         if outcome.code == 'OK':
             scan_id, result = self.scan_id, dict(answer)
             self._writer.add(lambda catalogue: catalogue.add_result(scan_id, scan_id, result))
+        inspection = self.folder / INSPECTION
+        if outcome.inspection and inspection.is_file():
+            self._writer.add(lambda catalogue: add_inspection(catalogue, self.scan_id, inspection))
         await self.tools.in_thread(self._writer.close)
         error = self._writer.error or self.tools.bag.get('catalogue_error')
         if error:
@@ -182,6 +188,7 @@ class RunningScan:
             'profiles_total': str(self.context.plan.profiles),
             'eta_s': f'{progress.eta_s():.1f}',
             'code': '' if result is None else str(result['code']),
+            'verdict': '' if result is None else str(result.get('verdict', '')),
             'result': '' if result is None else to_json(result),
             'report': self.report,
             'report_error': self.report_error,
@@ -212,6 +219,9 @@ class RunningScan:
         }
         if outcome.detail:
             answer['detail'] = outcome.detail
+        if outcome.inspection:
+            answer['verdict'] = outcome.inspection['verdict']
+            answer['inspection'] = dict(outcome.inspection)
         return answer
 
     def report_ended(self, error: str) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from ivfmc_ros.scan.completeness import CompletenessLimits
 from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.plan import Plan
+from ivfmc_ros.scan.recipe import Recipe
 from ivfmc_ros.scan.request import ScanRequest
 
 
@@ -21,6 +22,7 @@ class ScanContext:
     patience : time-out of one profile, seconds
     home : home the table first
     limits : what a complete view has at least
+    recipe : the recipe, and the folder of all; None without one
     """
 
     scan_id: str
@@ -33,3 +35,10 @@ class ScanContext:
     patience: float
     home: bool
     limits: CompletenessLimits
+    recipe: Recipe | None = None
+    recipe_root: Path = Path()
+
+    @property
+    def inspects(self) -> bool:
+        """Whether the recipe judges the mesh."""
+        return self.recipe is not None and self.recipe.inspection is not None

@@ -4,6 +4,7 @@
 
 from collections.abc import Mapping
 from dataclasses import fields
+from dataclasses import replace
 import math
 from pathlib import Path
 from typing import Any
@@ -19,9 +20,12 @@ from ivfmc_ros.nodes.scanning.acceptance_check import require_check
 from ivfmc_ros.scan import request as scan
 from ivfmc_ros.scan.completeness import CompletenessLimits
 from ivfmc_ros.scan.plan import MotionLimits
+from ivfmc_ros.scan.recipe import load_recipe
+from ivfmc_ros.scan.recipe import Recipe
 from ivfmc_ros.scan.request import ScanRequest
 
 _HALF_TURN = math.pi
+_NAMES = 'letters, digits, . _ -, the first a letter or digit, at most 63'
 
 
 class ScanParameters:
@@ -30,31 +34,51 @@ class ScanParameters:
     def __init__(self, node: CellNode) -> None:
         self._node = node
 
-    def request(self) -> ScanRequest:
+    def recipe(self) -> Recipe | None:
+        """
+        Return the recipe of the next scan; None without a name, or without a folder of recipes.
+
+        :raises RecipeError: there is none of this name, or it is not valid
+        """
+        root, name = self._node.get('recipe_root'), self._node.get('recipe')
+        return load_recipe(Path(root), name) if root and name else None
+
+    def request(self, recipe: Recipe | None) -> ScanRequest:
         """
         Return the request of the next scan.
 
         :raises HelperError: NOT_CHECKED: the last acceptance test of the cell does not allow it
+        :raises ParameterError: the values of recipe and parameters together are not valid
         """
         require_check(self._node)
-        return _request({field.name: self._node.get(field.name) for field in fields(ScanRequest)})
+        values = self._values(ScanRequest, recipe)
+        if recipe is not None and recipe.part:
+            values['part'] = recipe.part
+        request = _request(values)
+        if recipe is not None and recipe.inspection is not None:
+            return _with_uncertainty(request)
+        return request
 
-    def motion(self) -> MotionLimits:
+    def motion(self, recipe: Recipe | None) -> MotionLimits:
         """Return the limits of the table motion and the profile rate."""
-        return MotionLimits(
-            **{field.name: self._node.get(field.name) for field in fields(MotionLimits)}
-        )
+        return MotionLimits(**self._values(MotionLimits, recipe))
 
-    def limits(self) -> CompletenessLimits:
+    def limits(self, recipe: Recipe | None) -> CompletenessLimits:
         """Return what a complete view has at least."""
-        return CompletenessLimits(
-            **{field.name: self._node.get(field.name) for field in fields(CompletenessLimits)}
-        )
+        return CompletenessLimits(**self._values(CompletenessLimits, recipe))
+
+    def _values(self, kind: Any, recipe: Recipe | None) -> dict[str, Any]:
+        """Return the values of a class: the parameters, those of the recipe instead."""
+        given = {} if recipe is None else recipe.scan
+        return {
+            field.name: given.get(field.name, self._node.get(field.name)) for field in fields(kind)
+        }
 
 
 def declare_scan_parameters(node: CellNode) -> ScanParameters:
     """Declare all parameters of a scan; values that make no valid request are rejected."""
     _declare_request(node)
+    _declare_recipe(node)
     _declare_motion(node)
     _declare_completeness(node)
     _declare_cell(node)
@@ -68,12 +92,8 @@ def declare_scan_parameters(node: CellNode) -> ScanParameters:
 
 def _declare_request(node: CellNode) -> None:
     default = ScanRequest()
-    names = 'letters, digits, . _ -, the first a letter or digit, at most 63'
     node.parameter(
-        'part', default.part, 'Name of the part; becomes part of the scan id.', constraints=names
-    )
-    node.parameter(
-        'recipe', default.recipe, 'Name of the recipe, for the catalogue.', constraints=names
+        'part', default.part, 'Name of the part; becomes part of the scan id.', constraints=_NAMES
     )
     node.parameter(
         'views',
@@ -124,6 +144,22 @@ def _declare_request(node: CellNode) -> None:
     )
     node.parameter(
         'export_unit', default.export_unit, 'Unit of the mesh files.', choices=tuple(UNITS)
+    )
+
+
+def _declare_recipe(node: CellNode) -> None:
+    node.parameter(
+        'recipe',
+        '',
+        'Name of the recipe: a file in recipe_root, whose values replace those of the parameters; '
+        'without recipe_root a name for the catalogue.',
+        constraints=_NAMES,
+    )
+    node.parameter(
+        'recipe_root',
+        '',
+        'Folder of the recipes, <name>.yaml; empty: there are none.',
+        read_only=True,
     )
 
 
@@ -218,6 +254,13 @@ def _request(values: Mapping[str, Any]) -> ScanRequest:
         # rclpy cannot set an empty list, but a list with one empty string
         known[name] = tuple(item for item in known[name] if item)
     return ScanRequest(**known)
+
+
+def _with_uncertainty(request: ScanRequest) -> ScanRequest:
+    """Return a request whose mesh files state the uncertainty of the vertices, to be judged."""
+    if 'ply' in request.formats:
+        return request
+    return replace(request, formats=(*request.formats, 'ply'))
 
 
 def require_lasers(before: Mapping[str, Any], values: Mapping[str, Any]) -> None:

@@ -17,7 +17,7 @@ _RETRY_S = 0.5
 _CLOSE_S = 2.0
 
 # A function that writes to the catalogue.
-CatalogueUpdate = Callable[[Catalogue], None]
+CatalogueUpdate = Callable[[Catalogue], object]
 
 
 class CatalogueWriter:
