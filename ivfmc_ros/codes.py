@@ -77,6 +77,11 @@ CODES = {
         'The recorder did not write all profiles to the disk.',
         'Free space or a faster disk; `detail` has the reason of the recorder.',
     ),
+    'DISK_FULL': Code(
+        'The disk of `scan_root` has too little free space: the scan was refused, or ended in '
+        'good order with what was taken.',
+        'Free space (`ivfmc scans delete` and `empty-trash`), then scan again.',
+    ),
     'INCOMPLETE': Code(
         'Profiles or angles that the plan asked for are missing; `completeness` has the angles of '
         'each view. What was taken is kept and meshed.',

@@ -30,6 +30,12 @@ class FileError(ScanError):
     code = 'BAD_FILE'
 
 
+class DiskFullError(FileError):
+    """There is too little free space for a scan."""
+
+    code = 'DISK_FULL'
+
+
 class CellError(FileError):
     """A calibration file is invalid, or does not fit the camera."""
 

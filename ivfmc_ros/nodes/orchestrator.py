@@ -36,6 +36,8 @@ from ivfmc_ros.nodes.scanning.running_scan import RunningScan
 from ivfmc_ros.nodes.scanning.scan_context import ScanContext
 from ivfmc_ros.nodes.scanning.scan_parameters import declare_scan_parameters
 from ivfmc_ros.scan import scan_folder
+from ivfmc_ros.scan.disk_space import DiskWatch
+from ivfmc_ros.scan.disk_space import SpaceEstimate
 from ivfmc_ros.scan.plan import make_plan
 from ivfmc_ros.scan.plan import require_steps
 from ivfmc_ros.scan.report import PENDING
@@ -62,6 +64,7 @@ class Orchestrator(CellNode):
             'joint', 'turntable_joint', 'Joint name of the table in joint_states.', read_only=True
         )
         self._link = CellLink(self, joint, self.get('heartbeat_limit'))
+        self._space = SpaceEstimate()
         self._status = self.publish_on(DiagnosticStatus, 'scan_status')
         self._reports = ReportQueue(self, self._report_ended)
         for name, handler in (
@@ -169,9 +172,11 @@ class Orchestrator(CellNode):
         position = 0.0 if self.get('home') else self._link.position or 0.0
         plan = make_plan(request, names, motion, position)
         require_steps(plan, self.get('position_tolerance'), 'position_tolerance')
-        folder = scan_folder.create_scan_folder(
-            Path(self.get('scan_root')).absolute(), request.part
-        )
+        root = Path(self.get('scan_root')).absolute()
+        reserve = self.get('min_free_space') * 1e6
+        if root.is_dir():
+            DiskWatch(root, reserve).require_room(self._space.of(plan.profiles))
+        folder = scan_folder.create_scan_folder(root, request.part)
         machine = StateMachine(lambda _: self._on_stage_change())
         context = ScanContext(
             scan_id=folder.name,
@@ -183,6 +188,7 @@ class Orchestrator(CellNode):
             tolerance=self.get('position_tolerance'),
             patience=self.get('profile_patience'),
             home=self.get('home'),
+            reserve=reserve,
             limits=self.scan_parameters.limits(recipe),
             recipe=recipe,
             recipe_root=Path(self.get('recipe_root')).absolute(),
@@ -214,6 +220,7 @@ class Orchestrator(CellNode):
             self.health.clear_fault('scan')
         running.result = result
         self._last, self._running = running, None
+        self._space.learn(running.folder, len(self._link.headers))
         self._link.end_scan()
         self._publish_status()
         self.get_logger().info(f'scan {running.scan_id} ended: {result["code"]}')

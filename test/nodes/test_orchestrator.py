@@ -4,7 +4,9 @@ from contextlib import contextmanager
 from contextlib import ExitStack
 import json
 import math
+import os
 from pathlib import Path
+import shutil
 import signal
 import sqlite3
 
@@ -429,6 +431,40 @@ def test_angles_that_stay_missing_end_the_scan_as_incomplete(client, fake, orche
     report = json.loads((root / answer['scan_id'] / 'report.json').read_text())
     assert report['code'] == 'INCOMPLETE'
     assert report['completeness'] == answer['completeness']
+
+
+def test_scan_that_does_not_fit_on_the_disk_is_refused(client, fake, orchestrator, root):
+    before = listing(root)
+    client.set('orchestrator', min_free_space=9e8)
+    success, answer = client.trigger('scan')
+    client.set('orchestrator', min_free_space=200.0)
+    assert (success, answer['code']) == (False, 'DISK_FULL')
+    assert 'min_free_space keeps 900000000 MB' in answer['detail']
+    assert listing(root) == before
+
+
+def test_scan_ends_before_the_disk_is_full_and_the_next_one_works(
+    client, fake, orchestrator, root, tmp_path
+):
+    free = shutil.disk_usage(root.parent).free
+    if free < 3e9:
+        pytest.skip('needs 3 GB of free space')
+    client.set('orchestrator', min_free_space=free / 1e6 - 1000.0, profiles=200)
+    assert client.trigger('start_scan')[0]
+    await_stage(client, 'SCANNING')
+    client.until(lambda: fake.beam, 20.0, 'no beam')
+    filler = tmp_path / 'filler'
+    with filler.open('wb') as stream:
+        os.posix_fallocate(stream.fileno(), 0, 2_000_000_000)
+    values = await_stage(client, 'FAILED', seconds=5.0)
+    filler.unlink()
+    assert values['code'] == 'DISK_FULL'
+    client.until(lambda: not fake.beam, 2.0, 'the beam is on')
+    # the bag was closed in order
+    assert fake.called[-1] == 'recorder/stop'
+    client.set('orchestrator', min_free_space=200.0, profiles=3)
+    success, answer = client.trigger('scan', 60.0)
+    assert success, answer
 
 
 def test_angles_that_the_registrar_dropped_end_the_scan_as_incomplete(client, fake, orchestrator):

@@ -20,6 +20,9 @@ _MISSING_PERIODS = 1.75
 # Seconds from the stamp of an image to its delivery beyond which it is late: a scan would match it
 # with the positions of another stop.
 _LATE_S = 0.5
+# An image that is older than the one before by so many seconds: the clock was set back. No camera
+# repeats an image so late, and one whose images were dropped would be silent for hours.
+_SET_BACK_S = 1.0
 _ROWS = 16  # every so manieth row of an image is compared
 
 
@@ -48,7 +51,7 @@ class FrameWatch:
         period : seconds between images that the camera was asked for
         now : steady seconds
         """
-        if picture.stamp_ns <= self._stamp_ns:
+        if 0 <= self._stamp_ns - picture.stamp_ns < _SET_BACK_S * 1e9:
             self.counts['repeated'] += 1
             return False
         self._stamp_ns = picture.stamp_ns

@@ -26,6 +26,7 @@ from ivfmc_ros.nodes.scanning.scan_context import ScanContext
 from ivfmc_ros.nodes.scanning.scan_guard import NOT_RECORDED
 from ivfmc_ros.nodes.scanning.scan_guard import ScanGuard
 from ivfmc_ros.nodes.scanning.table_motion import TableMotion
+from ivfmc_ros.scan.disk_space import DiskWatch
 from ivfmc_ros.scan.job import Outcome
 from ivfmc_ros.scan.plan import NOT_MEASURED
 from ivfmc_ros.scan.plan import require_steps
@@ -93,7 +94,8 @@ class GraphTools:
             services.has(path)
         self._working = ''
         # a controller with a home switch is locked when its supply comes on
-        self._guard = ScanGuard(machine, link, context.patience, needs_homing=context.home)
+        disk = DiskWatch(context.folder, context.reserve)
+        self._guard = ScanGuard(machine, link, context.patience, disk, needs_homing=context.home)
         self._standstill_ns = 0
         self.bag: Mapping[str, Any] = {}
         self.has_figures = False

@@ -21,6 +21,7 @@ class ScanContext:
     tolerance : of table positions, radians
     patience : time-out of one profile, seconds
     home : home the table first
+    reserve : bytes of the disk that stay free
     limits : what a complete view has at least
     recipe : the recipe, and the folder of all; None without one
     """
@@ -34,6 +35,7 @@ class ScanContext:
     tolerance: float
     patience: float
     home: bool
+    reserve: float
     limits: CompletenessLimits
     recipe: Recipe | None = None
     recipe_root: Path = Path()

@@ -5,6 +5,7 @@
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
 from ivfmc_ros.nodes.scanning.cell_link import JOINTS
+from ivfmc_ros.scan.disk_space import DiskWatch
 from ivfmc_ros.scan.state_machine import StateMachine
 
 NOT_RECORDED = 'NOT_RECORDED'
@@ -20,12 +21,20 @@ class ScanGuard:
     recording : the recorder records for the scan
     needs_images : the scan still takes images, so that clocks must not jump
     needs_homing : the scan homes the table, whose controller may be locked until then
+    disk : where the scan is recorded
     """
 
     def __init__(
-        self, machine: StateMachine, link: CellLink, patience_s: float, *, needs_homing: bool
+        self,
+        machine: StateMachine,
+        link: CellLink,
+        patience_s: float,
+        disk: DiskWatch,
+        *,
+        needs_homing: bool,
     ) -> None:
         self._machine, self._link, self._patience_s = machine, link, patience_s
+        self.disk = disk
         self.watched: list[str] = []
         self.recording = False
         self.needs_images = True
@@ -43,6 +52,9 @@ class ScanGuard:
         self._link.require_unique_profiles()
         if self.needs_images:
             self._link.clocks.require_no_jump()
+        if self.recording:
+            # before a write fails
+            self.disk.require_reserve()
         seconds = self._link.unrecorded_s
         if self.recording and seconds > self._patience_s:
             raise HelperError(

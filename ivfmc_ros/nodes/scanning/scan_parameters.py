@@ -223,6 +223,14 @@ def _declare_cell(node: CellNode) -> None:
     node.parameter(
         'scan_root', 'scans', 'Folder of the scans and of their catalogue.', read_only=True
     )
+    node.parameter(
+        'min_free_space',
+        200.0,
+        'Megabytes of the disk of scan_root that stay free: a scan that does not fit is refused, '
+        'one that fills the disk ends, as DISK_FULL.',
+        low=1.0,
+        high=1e9,
+    )
     node.parameter('home', False, 'Home the table before a scan; requires a home switch.')
     node.parameter(
         'position_tolerance',

@@ -39,8 +39,11 @@ _MAX_RMS_S = 0.05
 _CLEARANCE_S = 0.1
 # Limit of the iterations of a robust fit; it converges in fewer.
 _MAX_ITERATIONS = 20
-# A sweep with a longer interruption, seconds, is fitted in two sections.
+# A sweep with a longer interruption, seconds, is fitted in two sections, unless one line fits
+# both: the mean delay of the reports differs by milliseconds, and would turn one against the other.
 _PAUSE_S = 0.5
+# Share of the profiles of both that have to lie on the common line.
+_MIN_COMMON = 0.95
 # A continuous scan stands at few angles (before, between and after sweeps), a stepped one at many.
 _MAX_RESTS = 6
 # Huber's threshold, in robust deviations.
@@ -101,7 +104,9 @@ def _refit_view(number: int, profiles: Sequence[Profile]) -> tuple[list[Profile]
     if _is_stepped(angles, np.abs(speeds) > _MIN_SPEED):
         return list(profiles), SweepMotion(view=number, used=len(profiles))
     runs = _runs(stamps, speeds)
-    sections = [s for s in (_section(stamps, angles, run) for run in runs) if s]
+    sections = _joined(
+        stamps, angles, [s for s in (_section(stamps, angles, run) for run in runs) if s]
+    )
     if not sections:
         why = 'the table turned, but not at a constant speed; the reported angles are used'
         return list(profiles), SweepMotion(view=number, used=len(profiles), why=why)
@@ -182,6 +187,24 @@ def _section(stamps: Ints, angles: Floats, run: Ints) -> _Section | None:
         return None
     fitted = offset + speed * seconds[inside]
     return _Section(run[inside], fitted, jitter, float(speed))
+
+
+def _joined(stamps: Ints, angles: Floats, sections: Sequence[_Section]) -> list[_Section]:
+    """Return the sections, as one where the table turned on through an interruption."""
+    found: list[_Section] = []
+    for section in sections:
+        before = found[-1] if found else None
+        both = None
+        if before is not None and before.speed * section.speed > 0.0:
+            chosen = np.concatenate([before.chosen, section.chosen])
+            both = _section(stamps, angles, chosen)
+            if both is not None and len(both.chosen) < _MIN_COMMON * len(chosen):
+                both = None
+        if both is None:
+            found.append(section)
+        else:
+            found[-1] = both
+    return found
 
 
 def _line(x: Floats, y: Floats) -> tuple[float, float]:

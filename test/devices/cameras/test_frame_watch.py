@@ -52,6 +52,16 @@ def test_image_with_the_stamp_of_the_one_before_is_dropped():
     assert watch.counts['repeated'] == 1
 
 
+def test_camera_goes_on_when_the_clock_is_set_back_by_an_hour():
+    # its images were dropped as repeated until the hour was over
+    watch = FrameWatch()
+    assert watch.accepts(picture(noise(0)), PERIOD, 0.0)
+    before = picture(noise(1), age=3600.0)
+    assert watch.accepts(before, PERIOD, 0.1)
+    assert watch.counts['repeated'] == 0
+    assert not watch.accepts(before, PERIOD, 0.2)
+
+
 def test_gap_counts_the_images_that_are_missing():
     images = [noise(seed) for seed in range(4)]
     assert watch_all(images, {2: 4 * PERIOD}).counts['missing'] == 3

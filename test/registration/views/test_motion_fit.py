@@ -72,6 +72,20 @@ def test_a_sweep_without_ramps_loses_nothing():
     assert (len(found), motion.dropped) == (len(shots), 0)
 
 
+@pytest.mark.parametrize('seed', [0, 1, 2])
+def test_sweep_without_images_for_seconds_is_fitted_by_one_line(seed):
+    # the mean delays of two lines differ: their ends were turned by 0.15 degrees, which is a slip
+    turn = TrapezoidalMotion()
+    begin, end = turn.constant_speed
+    middle = 0.5 * (begin + end)
+    shots = np.arange(0.0, 19.0, 1 / 30)
+    shots = shots[(shots < middle - 2.5) | (shots > middle + 2.5)]
+    found, _ = refit(profiles_of(turn, rate=10.0, shots=shots, seed=seed))
+    off, seconds = errors(turn, found)
+    late = seconds > middle
+    assert abs(off[late].mean() - off[~late].mean()) < np.radians(0.03)
+
+
 def test_two_sweeps_of_one_view_number_are_fitted_separately():
     first = profiles_of(TrapezoidalMotion(cruise=5.0), shots=np.arange(2.0, 5.0, 1 / 30))
     second = profiles_of(TrapezoidalMotion(cruise=5.0), shots=np.arange(2.0, 5.0, 1 / 30), seed=1)
