@@ -63,10 +63,18 @@ class LivenessMonitor:
         self.timeout_s = timeout_s
         self._clock = clock
         self._last_heartbeat_s: dict[str, float] = {}
+        # why a node ended, by its name
+        self._ends: dict[str, str] = {}
 
     def heartbeat(self, name: str) -> None:
         """Store the time of a heartbeat, or of another proof of life, of the node ``name``."""
         self._last_heartbeat_s[name] = self._clock()
+        self._ends.pop(name, None)
+
+    def end(self, name: str, reason: str) -> None:
+        """Store that a node was seen to end: it is lost at once, until its next heartbeat."""
+        self._last_heartbeat_s.pop(name, None)
+        self._ends[name] = reason
 
     def age_s(self, name: str) -> float:
         """Return the seconds since the last heartbeat of a node; infinity without one."""
@@ -82,10 +90,11 @@ class LivenessMonitor:
         lost = self.lost(names)
         if not lost:
             return
+        code = f'{lost[0].upper()}_LOST'
+        if lost[0] in self._ends:
+            raise HelperError(code, self._ends[lost[0]])
         ages = ', '.join(f'{name} ({_age_text(self.age_s(name))})' for name in lost)
-        raise HelperError(
-            f'{lost[0].upper()}_LOST', f'no heartbeat or message from {ages}; check that it runs'
-        )
+        raise HelperError(code, f'no heartbeat or message from {ages}; check that it runs')
 
 
 def _age_text(age_s: float) -> str:

@@ -85,3 +85,15 @@ def test_silent_node_is_lost_although_the_receiver_is_loaded():
         own.tick()
     with pytest.raises(HelperError, match='triangulator'):
         monitor.require_alive(['triangulator'])
+
+
+def test_node_that_was_seen_to_end_is_lost_at_once_until_it_is_heard_again():
+    clock = Clock()
+    watch = LivenessMonitor(2.0, clock)
+    watch.heartbeat('mesher')
+    watch.end('mesher', 'mesher was killed by signal 9; it is started again in 0.5 s')
+    with pytest.raises(HelperError, match='killed by signal 9') as caught:
+        watch.require_alive(['mesher'])
+    assert caught.value.code == 'MESHER_LOST'
+    watch.heartbeat('mesher')
+    watch.require_alive(['mesher'])

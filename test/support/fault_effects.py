@@ -14,11 +14,11 @@ from typing import NamedTuple
 from support.fault_cell import FaultCell
 from support.fault_cell import SCAN_S
 
-# Short scans: 50 profiles in 5 s; the slips need profiles that are less than 4.6 degrees apart.
+# Short scans: 80 profiles in 7 s; the slips need profiles that are less than 4.6 degrees apart.
 SHORT: Mapping[str, Any] = {
     'motion': 'continuous',
-    'profiles': 48,
-    'profile_rate': 10.0,
+    'profiles': 80,
+    'profile_rate': 13.0,
     'lasers': ['left'],
     'home': False,
 }
@@ -40,7 +40,7 @@ _SOME = 5
 # only turns the whole part ...
 _MIDDLE = 50
 # ... and near the end of a short one, those at standstill and in the lead-in included.
-_LAST = 50
+_LAST = 80
 
 
 @dataclass(frozen=True, kw_only=True)

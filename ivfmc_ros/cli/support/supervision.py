@@ -116,7 +116,8 @@ class Supervisor:
             raise HelperError(error.code, f'{reason}; {error}; the cell is taken down') from error
         text = f'{reason}; it is started again in {delay_s:.1f} s ({number} of at most {MOST})'
         self._say('up', text)
-        self._publish_diagnostics(text)
+        # whoever waits for this node need not wait for its silence
+        self._publish_diagnostics(text, ended=name)
 
     def say_end(self, code: str, reason: str) -> None:
         """Publish why the cell ends, also as the end of a scan that runs."""
@@ -137,11 +138,11 @@ class Supervisor:
         if self._processes.codes.get(_DRIVER, 0) < 0 and not self._run.simulate:
             self._say('up', f'{_DRIVER} had to be killed; {self._reset()}')
 
-    def _publish_diagnostics(self, text: str) -> None:
+    def _publish_diagnostics(self, text: str, **values: str) -> None:
         from diagnostic_msgs.msg import DiagnosticArray
 
         node = self._client.node
-        array = DiagnosticArray(status=[_message(node.get_namespace(), 'up', text, {})])
+        array = DiagnosticArray(status=[_message(node.get_namespace(), 'up', text, values)])
         array.header.stamp = node.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 

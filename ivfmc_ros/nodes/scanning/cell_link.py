@@ -97,7 +97,7 @@ class CellLink:
         self._beam: str | None = None
         self._closed = False
         self._reports_since_command = 0
-        self.controller = ControllerWatch(node)
+        self.controller = ControllerWatch(node, self.watch.end)
         self._hold = node.publish_on(Header, 'beam_hold')
         self._trajectory = node.publish_on(JointTrajectory, 'joint_trajectory')
         # of a scan only: in an idle cell every image would wake this node

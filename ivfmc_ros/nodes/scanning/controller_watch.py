@@ -1,6 +1,8 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the diagnostics of other nodes say: the controller's fault, a part that is cut."""
+"""What the diagnostics of others say: the controller's fault, a part that is cut, a node's end."""
+
+from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -12,14 +14,19 @@ from ivfmc_ros.nodes.framework.base import CellNode
 
 class ControllerWatch:
     """
-    Reads the diagnostics of ``turntable`` and ``triangulator`` in the namespace of a node.
+    Reads the diagnostics of ``turntable``, ``triangulator`` and ``ivfmc up`` in a namespace.
 
     code : CONTROLLER_ALARM, CONTROLLER_LOST or POSITION_LOST; '' without a fault, or where another
         driver moves the table
     message : of the diagnostics when they were not OK, '' otherwise
     """
 
-    def __init__(self, node: CellNode) -> None:
+    def __init__(
+        self, node: CellNode, on_end: Callable[[str, str], object] = lambda name, reason: None
+    ) -> None:
+        """``on_end`` : called with the name of a node that ``up`` saw end, and what it says."""
+        self._on_end = on_end
+        self._up = f'{node.get_namespace()}/up'.lstrip('/')
         self.code, self.message = '', ''
         # how the working volume cuts the part, by the id of the scan
         self._cuts: dict[str, str] = {}
@@ -51,6 +58,10 @@ class ControllerWatch:
                 self.code = values.get('code', '')
                 is_ok = status.level == DiagnosticStatus.OK
                 self.message = '' if is_ok and not self.code else status.message
+            if status.name == self._up:
+                values = {value.key: value.value for value in status.values}
+                if values.get('ended'):
+                    self._on_end(values['ended'], status.message)
             if status.name == self._triangulator:
                 values = {value.key: value.value for value in status.values}
                 # of the last scan only

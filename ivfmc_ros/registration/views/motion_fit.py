@@ -40,7 +40,7 @@ _CLEARANCE_S = 0.1
 # Limit of the iterations of a robust fit; it converges in fewer.
 _MAX_ITERATIONS = 20
 # A sweep with a longer interruption, seconds, is fitted in two sections, unless one line fits
-# both: the mean delay of the reports differs by milliseconds, and would turn one against the other.
+# both: the mean delays of the reports differ by milliseconds, which turns one against the other.
 _PAUSE_S = 0.5
 # Share of the profiles of both that have to lie on the common line.
 _MIN_COMMON = 0.95

@@ -7,7 +7,7 @@ from ivfmc_ros.cli.scans import scans
 from ivfmc_ros.cli.support.cell_run import CellRun
 from ivfmc_ros.cli.support.cell_run import command
 from ivfmc_ros.cli.support.cell_run import parse_overrides
-from ivfmc_ros.cli.support.cell_run import write_bench
+from ivfmc_ros.cli.support.cell_run import write_simulated
 from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
@@ -57,7 +57,7 @@ def test_folder_without_scans_is_refused(tmp_path):
 
 
 def test_node_gets_its_files_and_its_parameters(tmp_path):
-    cell, camera = write_bench(tmp_path)
+    cell, camera = write_simulated(tmp_path)
     config = tmp_path / 'config'
     config.mkdir()
     (config / 'triangulator.yaml').write_text('')

@@ -12,7 +12,7 @@ import pytest
 from support.graph_rig import node_environment
 
 from ivfmc_ros.cli.support.cell_run import CellRun
-from ivfmc_ros.cli.support.cell_run import write_bench
+from ivfmc_ros.cli.support.cell_run import write_simulated
 from ivfmc_ros.cli.support.client import cell_client
 from ivfmc_ros.cli.support.processes import Processes
 from ivfmc_ros.cli.support.restarts import MOST
@@ -48,7 +48,7 @@ def cells(tmp_path, monkeypatch):
     """Return a function that starts a cell; the programs of its nodes may be given."""
     for name, value in node_environment().items():
         monkeypatch.setenv(name, value)
-    cell, camera = write_bench(tmp_path)
+    cell, camera = write_simulated(tmp_path)
     run = CellRun(
         folder=tmp_path,
         scans=tmp_path / 'scans',
