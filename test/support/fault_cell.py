@@ -39,8 +39,6 @@ from support.small_cell import small_cell_options
 CLOCK_STEP = Path(__file__).with_name('clock_step')
 # Seconds until a cell is up, or a scan has ended: only a failure takes so long, on a busy machine.
 START_S, SCAN_S = 240.0, 120.0
-# A mesh that is built fast, meters.
-_VOXEL = 0.001
 # The beam may flicker at the end of a scan; resolution of the truth that is read, seconds.
 _RESOLUTION_S = 0.005
 _STRIDE = 9  # of the points that are compared
@@ -185,8 +183,6 @@ class FaultCell:
             *options,
             '--part',
             str(self._part_file()),
-            '--set',
-            f'mesher.mesh.voxel={_VOXEL}',
             PYTHONPATH=str(CLOCK_STEP),
             IVFMC_CLOCK_STEP=str(self._clocks),
         )
