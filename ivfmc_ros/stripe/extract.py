@@ -184,6 +184,8 @@ def _estimate(
     estimate = METHODS[method](patches, settings.noise or SensorNoise())
     u = patches.column + estimate.position
     good = _is_stripe(patches, estimate, settings) & _is_inside(crop, u, estimate)
+    # a position without an uncertainty would outweigh all others
+    good &= estimate.sigma > 0.0
     if good.all():
         return rows, u, estimate
     return rows[good], u[good], estimate[good]

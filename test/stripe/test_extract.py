@@ -1,11 +1,15 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.synthetic import draw_stripe
 from support.synthetic import expose
 
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.stripe.estimators import DEFAULT
+from ivfmc_ros.stripe.estimators import METHODS
 from ivfmc_ros.stripe.extract import extract
 from ivfmc_ros.stripe.extract import ExtractSettings
 from ivfmc_ros.stripe.noise import SensorNoise
@@ -253,3 +257,17 @@ def test_setting_out_of_range_is_refused(name, value):
 def test_channel_that_is_no_color_is_refused(name):
     with pytest.raises(ParameterError, match=r"^channel: '.*' must be 'auto' or colors"):
         ExtractSettings(channel=name)
+
+
+def test_position_without_an_uncertainty_is_left_out(monkeypatch):
+    # seen in a dim live cell: a sigma of 0 has an infinite weight, and the mesh was torn
+    whole = extract(picture(phases()))
+
+    def certain(patches, noise):
+        found = METHODS['gaussian'](patches, noise)
+        return replace(found, sigma=np.where(np.arange(len(found.sigma)) % 2, 0.0, found.sigma))
+
+    monkeypatch.setattr('ivfmc_ros.stripe.extract.METHODS', {**METHODS, DEFAULT: certain})
+    some = extract(picture(phases()))
+    assert (some.sigma > 0.0).all()
+    assert 0 < len(some) <= len(whole) - len(whole) // 2 + 1
