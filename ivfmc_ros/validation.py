@@ -3,6 +3,7 @@
 """Checks of setting values: a number lies in its range, a text is one of its choices."""
 
 from collections.abc import Iterable
+from difflib import get_close_matches
 import math
 
 from ivfmc_ros.errors import ParameterError
@@ -50,6 +51,12 @@ def require_one_of(
     known = tuple(choices)
     if value not in known:
         raise error(f'{name}: {value!r} is not one of {", ".join(known)}')
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Return '; did you mean ...?' with the known name that is most similar, '' without one."""
+    near = get_close_matches(name, list(known), 1)
+    return f'; did you mean {near[0]!r}?' if near else ''
 
 
 def _range_text(low: float, high: float, open_low: bool, open_high: bool) -> str:

@@ -19,6 +19,7 @@ from ivfmc_ros.errors import CellError
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.file_kinds import kind_of_file
 from ivfmc_ros.model import Floats
+from ivfmc_ros.validation import suggestion
 
 # First line of a file of OpenCV, in a form that YAML forbids; new versions write '%YAML 1.0'.
 _OPENCV_HEAD = b'%YAML:'
@@ -98,9 +99,8 @@ class YamlMapping:
         """:raises CellError: there is a key other than ``keys``."""
         unknown = [str(key) for key in self.values if key not in keys]
         if unknown:
-            raise CellError(
-                f'{self.where}: unknown key {unknown[0]!r}; known are {", ".join(keys)}'
-            )
+            hint = suggestion(unknown[0], keys) or f'; known are {", ".join(keys)}'
+            raise CellError(f'{self.where}: unknown key {unknown[0]!r}{hint}')
 
     def error(self, key: str, reason: str) -> CellError:
         """Return an error that names the file, the key and the reason."""

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import yaml
 
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.inspection.verdict import require_tolerance
+from ivfmc_ros.validation import suggestion
 
 _MM = 1e-3
 # What is tolerated of a feature. Surface and diameter may deviate by the tolerance to either side;
@@ -41,9 +41,10 @@ class Tolerances:
         for name, given in self.features.items():
             for characteristic, value in given.items():
                 if characteristic not in CHARACTERISTICS:
+                    hint = suggestion(characteristic, CHARACTERISTICS)
                     raise ParameterError(
                         f'tolerances: {name}: {characteristic!r} is not one of '
-                        f'{", ".join(CHARACTERISTICS)}{_hint(characteristic, CHARACTERISTICS)}'
+                        f'{", ".join(CHARACTERISTICS)}{hint}'
                     )
                 require_tolerance(value, f'tolerances: {name}: {characteristic}')
 
@@ -65,7 +66,7 @@ class Tolerances:
         for name in self.features:
             if name not in known:
                 raise ParameterError(
-                    f'tolerances: the nominal has no feature {name!r}{_hint(name, known)}; '
+                    f'tolerances: the nominal has no feature {name!r}{suggestion(name, known)}; '
                     f'it has {", ".join(known)}'
                 )
 
@@ -120,8 +121,3 @@ def _meters(name: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ParameterError(f'tolerances: {name}: {value!r} is no number of millimeters')
     return _MM * value
-
-
-def _hint(name: str, known: Iterable[str]) -> str:
-    near = get_close_matches(name, list(known), 1)
-    return f'; did you mean {near[0]!r}?' if near else ''

@@ -220,7 +220,9 @@ class Orchestrator(CellNode):
             self.health.clear_fault('scan')
         running.result = result
         self._last, self._running = running, None
-        self._space.learn(running.folder, len(self._link.headers))
+        if result['code'] == 'OK':
+            # a cancelled scan says nothing of a whole one
+            self._space.learn(running.folder, running.context.plan.profiles)
         self._link.end_scan()
         self._publish_status()
         self.get_logger().info(f'scan {running.scan_id} ended: {result["code"]}')

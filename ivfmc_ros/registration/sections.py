@@ -95,7 +95,7 @@ class Sections:
         """(n,) section of each surfel."""
         return np.repeat(np.arange(len(self.items)), [len(item.surfels) for item in self.items])
 
-    @property
+    @cached_property
     def arms(self) -> Floats:
         """(n,) distance, meters, at which the normal of each surfel passes the axis."""
         (x, y, _), (nx, ny, _) = self.surfels.points_xyz.T, self.surfels.normals.T

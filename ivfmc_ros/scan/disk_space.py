@@ -79,13 +79,13 @@ class DiskWatch:
 
 
 class SpaceEstimate:
-    """Bytes that a profile takes on disk, by the last scan of this orchestrator."""
+    """Bytes that a planned profile takes on disk, by the last scan of this orchestrator."""
 
     def __init__(self) -> None:
         self._bytes_per_profile = 0.0
 
     def learn(self, folder: Path, profiles: int) -> None:
-        """Take over what a scan took; ``folder`` is its own."""
+        """Take over what a complete scan took: its folder, and its planned profiles."""
         if profiles <= 0:
             return
         try:

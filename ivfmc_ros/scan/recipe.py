@@ -9,11 +9,9 @@ the orchestrator; lengths of ``inspection`` are millimeters.
 """
 
 from collections.abc import Mapping
-from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import fields
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -130,7 +128,7 @@ def _recipe(path: Path, name: str) -> Recipe:
 
 def _scan(given: YamlMapping) -> dict[str, Any]:
     """Return the checked values; what depends on the cell is checked when a scan is accepted."""
-    _require_known(given, SCAN_KEYS)
+    given.require_known_keys(*SCAN_KEYS)
     values = dict(given.values)
     for kind in _SCAN_CLASSES:
         own = {item.name: item.default for item in fields(kind) if item.name in values}
@@ -160,8 +158,9 @@ def _typed(given: YamlMapping, key: str, default: Any) -> Any:
 
 
 def _inspection(path: Path, given: YamlMapping) -> InspectionPlan:
-    keys = ('nominal', 'unit', 'tolerance', 'features', 'align', 'datums', *_CONDITIONS)
-    _require_known(given, keys)
+    given.require_known_keys(
+        'nominal', 'unit', 'tolerance', 'features', 'align', 'datums', *_CONDITIONS
+    )
     unit = str(given.values.get('unit', 'mm'))
     align = str(given.values.get('align', 'best_fit'))
     try:
@@ -198,11 +197,3 @@ def _nominal(path: Path, given: YamlMapping) -> Path:
     if not found.is_file():
         raise given.error('nominal', f'{found}: file not found')
     return found
-
-
-def _require_known(given: YamlMapping, keys: Sequence[str]) -> None:
-    unknown = [str(key) for key in given.values if key not in keys]
-    if unknown:
-        near = get_close_matches(unknown[0], keys, 1)
-        hint = f'; did you mean {near[0]!r}?' if near else f'; known are {", ".join(keys)}'
-        raise RecipeError(f'{given.where}: unknown key {unknown[0]!r}{hint}')

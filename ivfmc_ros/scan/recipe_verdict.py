@@ -42,7 +42,7 @@ class InspectionProcess:
         self._folder, self._recipe = folder, recipe
         module = 'ivfmc_ros.scan.recipe_inspection'
         command = [sys.executable, '-m', module, str(folder), str(recipe_root), recipe]
-        # no pipe, which nobody reads before the end; ``kill`` closes the file
+        # not a pipe, which would be read at the end only; ``kill`` closes the file
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115
         try:
             self._process = subprocess.Popen(

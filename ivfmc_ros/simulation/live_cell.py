@@ -25,6 +25,7 @@ from ivfmc_ros.cell.cell_file import load_cell
 from ivfmc_ros.devices.motion.trajectory import Segment
 from ivfmc_ros.devices.motion.trajectory import Trajectory
 from ivfmc_ros.errors import FileError
+from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.simulation.bench import bench_cell
 from ivfmc_ros.simulation.controller_emulator import ControllerEmulator
@@ -140,8 +141,10 @@ def _powers(outputs: LaserOutputs) -> tuple[float, float]:
 
 
 def _cell(options: argparse.Namespace) -> Cell:
-    if options.cell is None or options.camera is None:
+    if options.cell is None and options.camera is None:
         return bench_cell()
+    if options.cell is None or options.camera is None:
+        raise ParameterError('--cell and --camera belong together')
     return load_cell(options.cell, load_camera(options.camera))
 
 

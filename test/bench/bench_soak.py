@@ -3,7 +3,7 @@
 """
 Soak: many short scans in a row by one cell of real processes; what each process keeps of each.
 
-IVFMC_SOAK_SCANS sets the number of scans (200): a scan takes about 10 s.
+IVFMC_SOAK_SCANS sets the number of scans (200): a scan takes about 15 s.
 """
 
 from collections.abc import Iterator

@@ -5,6 +5,7 @@
 import numpy as np
 import pytest
 from support.cell_inputs import Inputs
+from support.fake_cell import FakeCell
 from support.graph_rig import Client
 from support.graph_rig import NodeProcess
 from support.synthetic import small_cell
@@ -21,6 +22,14 @@ def client():
     client = Client()
     yield client
     client.close()
+
+
+@pytest.fixture
+def fake(client):
+    """The other nodes of a cell, as far as an orchestrator needs them."""
+    fake = FakeCell(client)
+    yield fake
+    fake.close()
 
 
 @pytest.fixture

@@ -12,7 +12,6 @@ import sqlite3
 
 import pytest
 from std_msgs.msg import UInt64
-from support.fake_cell import FakeCell
 from support.graph_rig import following_client
 from support.graph_rig import running
 
@@ -41,13 +40,6 @@ PARAMETERS = {
 def client():
     with following_client() as client:
         yield client
-
-
-@pytest.fixture
-def fake(client):
-    fake = FakeCell(client)
-    yield fake
-    fake.close()
 
 
 @pytest.fixture(scope='module')

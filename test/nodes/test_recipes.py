@@ -8,7 +8,6 @@ import pytest
 import yaml
 
 pytest.importorskip('rclpy')
-from support.fake_cell import FakeCell
 from support.graph_rig import following_client
 from support.graph_rig import running
 
@@ -41,13 +40,6 @@ RECIPES = {
 def client():
     with following_client() as client:
         yield client
-
-
-@pytest.fixture
-def fake(client):
-    fake = FakeCell(client)
-    yield fake
-    fake.close()
 
 
 @pytest.fixture(scope='module')

@@ -74,6 +74,8 @@ class CellGateway:
         self._listeners: list[Listener] = []
         self._lock = threading.Lock()
         self._state = CellState(alive=False, status={})
+        # the status of the client that was parsed last
+        self._parsed: Mapping[str, str] = {}
 
     @property
     def state(self) -> CellState:
@@ -136,10 +138,13 @@ class CellGateway:
             self._refuse_waiting()
 
     def _follow(self) -> None:
-        status: dict[str, Any] = dict(self._client.status)
-        text = status.get('result')
-        status['result'] = json.loads(text) if text else None
-        state = CellState(alive=self._client.silent_s < _SILENCE_S, status=status)
+        given, alive = self._client.status, self._client.silent_s < _SILENCE_S
+        if given is self._parsed and alive == self._state.alive:
+            return
+        self._parsed = given
+        text = given.get('result')
+        status = {**given, 'result': json.loads(text) if text else None}
+        state = CellState(alive=alive, status=status)
         with self._lock:
             if state == self._state:
                 return
@@ -157,11 +162,14 @@ class CellGateway:
             return
         try:
             with self._client.parameters('orchestrator', dict(request.values)):
-                request.answer.set_result(self._client.trigger(_SERVICES[request.action]))
+                answer = self._client.trigger(_SERVICES[request.action])
         except ScanError as error:
             request.answer.set_exception(error)
         except Exception as error:  # a client must not wait for an answer that never comes
             request.answer.set_exception(HelperError('INTERNAL', f'{error}'))
+        else:
+            # once: the former parameters are restored, which may fail as well
+            request.answer.set_result(answer)
 
     def _refuse_waiting(self) -> None:
         while True:
@@ -169,4 +177,5 @@ class CellGateway:
                 request = self._requests.get_nowait()
             except queue.Empty:
                 return
-            request.answer.set_exception(HelperError('INTERRUPTED', 'the gateway ends'))
+            if request.answer.set_running_or_notify_cancel():
+                request.answer.set_exception(HelperError('INTERRUPTED', 'the gateway ends'))

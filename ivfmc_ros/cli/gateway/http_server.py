@@ -17,6 +17,7 @@ import ipaddress
 import json
 import queue
 import re
+import socket
 import threading
 from typing import Any
 
@@ -60,8 +61,6 @@ class GatewayServer(ThreadingHTTPServer):
 
     def __init__(self, place: tuple[str, int], gateway: CellGateway, token: str) -> None:
         if ipaddress.ip_address(place[0]).version == 6:
-            import socket
-
             self.address_family = socket.AF_INET6
         super().__init__(place, _Handler)
         self.gateway, self.token = gateway, token

@@ -116,7 +116,7 @@ class Supervisor:
             raise HelperError(error.code, f'{reason}; {error}; the cell is taken down') from error
         text = f'{reason}; it is started again in {delay_s:.1f} s ({number} of at most {MOST})'
         self._say('up', text)
-        # whoever waits for this node need not wait for its silence
+        # the orchestrator need not wait for the silence of the node
         self._publish_diagnostics(text, ended=name)
 
     def say_end(self, code: str, reason: str) -> None:

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import fields
 from dataclasses import is_dataclass
 from dataclasses import replace
-import difflib
 import math
 import re
 from typing import Any
@@ -30,6 +29,7 @@ from rclpy.parameter import Parameter
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.nodes.framework.json_response import describe
+from ivfmc_ros.validation import suggestion
 
 # Namespace of a cell unless the command line names another.
 NAMESPACE = '/ivfmc'
@@ -181,8 +181,7 @@ class ParameterNode(Node):
         lines = []
         for name in sorted(set(self._parameter_overrides) - set(known)):
             if not name.startswith('qos_overrides.'):
-                similar = difflib.get_close_matches(name, known, n=1)
-                hint = f'; did you mean {similar[0]!r}?' if similar else ''
+                hint = suggestion(name, known)
                 lines.append(f'parameter {name!r} is unknown to {self.get_name()}{hint}')
         return lines
 

@@ -193,18 +193,24 @@ def _joined(stamps: Ints, angles: Floats, sections: Sequence[_Section]) -> list[
     """Return the sections, as one where the table turned on through an interruption."""
     found: list[_Section] = []
     for section in sections:
-        before = found[-1] if found else None
-        both = None
-        if before is not None and before.speed * section.speed > 0.0:
-            chosen = np.concatenate([before.chosen, section.chosen])
-            both = _section(stamps, angles, chosen)
-            if both is not None and len(both.chosen) < _MIN_COMMON * len(chosen):
-                both = None
+        both = _common_section(stamps, angles, found[-1], section) if found else None
         if both is None:
             found.append(section)
         else:
             found[-1] = both
     return found
+
+
+def _common_section(
+    stamps: Ints, angles: Floats, first: _Section, second: _Section
+) -> _Section | None:
+    """Return the section of the line that fits two sections; None if none does."""
+    if first.speed * second.speed < 0.0:
+        return None
+    chosen = np.concatenate([first.chosen, second.chosen])
+    both = _section(stamps, angles, chosen)
+    is_common = both is not None and len(both.chosen) >= _MIN_COMMON * len(chosen)
+    return both if is_common else None
 
 
 def _line(x: Floats, y: Floats) -> tuple[float, float]:

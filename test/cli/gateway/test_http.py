@@ -139,7 +139,7 @@ def test_body_without_end_is_refused_and_the_server_goes_on(serve):
     assert ask('GET', '/status')[0] == 200
 
 
-def test_client_that_does_not_read_its_events_delays_nobody(cell, serve):
+def test_client_that_does_not_read_its_events_delays_no_other(cell, serve):
     ask = serve()
     stream = socket.create_connection(('127.0.0.1', ask.port))
     stream.sendall(b'GET /events HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n')
