@@ -120,6 +120,10 @@ CODES = {
         'Check the axis and `turntable` in /diagnostics.',
     ),
     'LASER_FAILED': Code('The laser did not report the commanded state in time.', _NODE),
+    'LASER_STUCK': Code(
+        'A laser is reported off and still shines in the images.',
+        'Cut its supply at once; it is a hazard until relay and wiring are repaired.',
+    ),
     'DEVICE': Code('A device does not do what it was commanded.', _RETRY),
     'HELPER': Code('A node answered that it could not do its work.', _RETRY),
     'CAMERA_LOST': Code('The camera gives no pictures, or its node is silent.', _NODE),

@@ -9,7 +9,6 @@ have been reported past its exposure; when the queue is full, the oldest image i
 """
 
 from collections import Counter
-from collections.abc import Callable
 from collections.abc import Sequence
 from functools import partial
 import sys
@@ -34,6 +33,7 @@ from ivfmc_ros.nodes.framework.base import run
 from ivfmc_ros.nodes.framework.life import HEARTBEAT_S
 from ivfmc_ros.nodes.processing.cell_source import CellSource
 from ivfmc_ros.nodes.processing.image_input import ImageInput
+from ivfmc_ros.nodes.processing.laser_check import LaserCheck
 from ivfmc_ros.nodes.processing.stamp_conditions import StampConditions
 from ivfmc_ros.nodes.processing.stripe_image import StripeImagePublisher
 from ivfmc_ros.nodes.processing.triangulator_parameters import declare
@@ -91,8 +91,9 @@ class Triangulator(CellNode):
         self._working = False
         self._stamps = StampConditions(self)
         self._volume = VolumeCheck(self)
-        # joints and lasers of messages that have none of ours
-        self._other_joints = self._other_lasers = ''
+        self._laser_check = LaserCheck(self, self._laser_names)
+        # what messages without our joint or lasers have instead, by topic
+        self._others: dict[str, str] = {}
         self.changed(self._change)
         self._change({'view', 'cell'})
         self._profiles = self.publish_on(PointCloud2, 'profile')
@@ -108,28 +109,22 @@ class Triangulator(CellNode):
         self._poll = self.steady_timer(_POLL_S, self._work_on)
 
     def _expect_inputs(self) -> None:
-        for name, received, others, subscription in (
+        for name, subscription, received in (
             (
                 'image_raw',
-                lambda: self._counts['pictures'] or self._images.is_paused,
-                str,
                 self._images,
+                lambda: self._counts['pictures'] or self._images.is_paused,
             ),
-            (
-                'joint_states',
-                lambda: self._matcher.table_known,
-                lambda: self._other_joints,
-                self._joints,
-            ),
-            (
-                'laser_states',
-                lambda: self._matcher.lasers_known,
-                lambda: self._other_lasers,
-                self._lasers,
-            ),
+            ('joint_states', self._joints, lambda: self._matcher.table_known),
+            ('laser_states', self._lasers, lambda: self._matcher.lasers_known),
         ):
-            text = partial(_waiting_text, subscription, others)
+            text = partial(self._waiting_text, name, subscription)
             self.expect(name, received, text, f'received on {subscription.topic}')
+
+    def _waiting_text(self, name: str, subscription: AdaptiveSubscription) -> str:
+        awaited = self._others.get(name, 'a message')
+        where = f'{subscription.topic} (publishers: {subscription.publishers})'
+        return f'waiting for {awaited} on {where}'
 
     def _change(self, names: set[str]) -> None:
         if 'scan_id' not in names and any(name.startswith(_ACQUISITION) for name in names):
@@ -138,6 +133,7 @@ class Triangulator(CellNode):
         if 'scan_id' in names:
             self._seq = 0
             self._matcher.reset()
+            self._laser_check.restart()
             self._source.reload()
             self._counts.clear()
             self._loss = ImageLoss()
@@ -175,7 +171,9 @@ class Triangulator(CellNode):
             # normal where other devices publish on the same topic
             positions = zip(message.name, message.position, strict=False)
             names = ', '.join(f'{name} {value:g}' for name, value in positions) or 'none'
-            self._other_joints = f'position of joint {joint!r}; last message has joints: {names}'
+            self._others['joint_states'] = (
+                f'position of joint {joint!r}; last message has joints: {names}'
+            )
             return
         stamp_ns = nanoseconds(message.header.stamp)
         if not self._matcher.add_table_position(stamp_ns, *state, now_s=self.steady_s()):
@@ -186,7 +184,7 @@ class Triangulator(CellNode):
         names = self._laser_names()
         if set(names).isdisjoint(message.name):
             others = ', '.join(message.name) or 'none'
-            self._other_lasers = (
+            self._others['laser_states'] = (
                 f'state of the lasers {", ".join(names)}; last message has: {others}'
             )
             return
@@ -320,6 +318,7 @@ class Triangulator(CellNode):
     def _process(self, stream: StreamAcquisition, match: FrameMatch) -> None:
         if match.reason:
             self._counts[match.reason] += 1
+            self._laser_check.add_unused(match, self._image)
             return
         try:
             image = self._image(match.payload)
@@ -358,6 +357,7 @@ class Triangulator(CellNode):
             self._counts['empty profiles'] += not len(profile)
         # last, so that an error in a debug image costs no profile
         for frame, profile in measured:
+            self._laser_check.add_lit(frame, profile)
             self._stripe_image.publish(frame, profile)
 
     def before_diagnosis(self) -> None:
@@ -376,15 +376,12 @@ class Triangulator(CellNode):
             images_not_received=self._loss.not_received,
             images_not_taken=self._loss.not_taken,
             part_cut=self._volume.advice,
+            laser_stuck=self._laser_check.stuck,
+            dark_images_checked=self._laser_check.checked,
             table_fault=self._stamps.table_fault,
             # matched ones: what is published before is lost to a subscription that joins
             profile_subscriptions=self._profiles.get_subscription_count(),
         )
-
-
-def _waiting_text(subscription: AdaptiveSubscription, others: Callable[[], str]) -> str:
-    awaited = others() or 'a message'
-    return f'waiting for {awaited} on {subscription.topic} (publishers: {subscription.publishers})'
 
 
 def main() -> None:

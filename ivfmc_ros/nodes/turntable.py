@@ -193,7 +193,7 @@ class TurntableNode(LifecycleCellNode):
             set_period(self._timer, max(_IDLE_PERIOD_S, 1 / self.get('joint_rate')))
         if state.alarm != self._published_alarm:
             # a scan has to end at once; the next diagnostics may be a second away
-            self._publish_diagnostics()
+            self.publish_diagnostics()
         if self.get('table') and state.alarm not in _NO_POSITION:
             self._joint_states.publish(
                 joint_state(state.stamp_ns, [self._joint], [state.position], [state.velocity])

@@ -50,6 +50,9 @@ class Tools(Protocol):
     async def take_dark_frame(self) -> None:
         """Return when an image was exposed with all lasers off at the present position."""
 
+    async def check_lasers_off(self) -> None:
+        """Return when images were exposed with all lasers off, in which one may still shine."""
+
     async def wait_for_profile(self, view: int) -> None:
         """Return when a profile of ``view`` at the present position has been received."""
 
@@ -214,6 +217,8 @@ async def _sweep(sweep: Sweep, machine: StateMachine, motion: MotionLimits, tool
         await _continuous_sweep(sweep, motion, tools)
     else:
         await _step_sweep(sweep, machine, motion, tools)
+    tools.lasers_off()
+    await tools.check_lasers_off()
 
 
 async def _continuous_sweep(sweep: Sweep, motion: MotionLimits, tools: Tools) -> None:
@@ -226,7 +231,6 @@ async def _continuous_sweep(sweep: Sweep, motion: MotionLimits, tools: Tools) ->
     velocity = sweep.limited_velocity(await tools.measure_profile_rate(sweep))
     await tools.move(end, velocity)
     await tools.wait_for_sweep_profiles(sweep)
-    tools.lasers_off()
 
 
 async def _step_sweep(

@@ -22,6 +22,7 @@ from ivfmc_ros.simulation.fabscan.machine import FabscanMachine
 from ivfmc_ros.simulation.grbl.firmware import EMULATED
 from ivfmc_ros.simulation.grbl.machine import GrblMachine
 from ivfmc_ros.simulation.laser_outputs import LaserOutputs
+from ivfmc_ros.simulation.laser_outputs import StickingRelays
 from ivfmc_ros.simulation.marlin.machine import MarlinMachine
 
 _POLL_PERIOD = 0.02  # seconds, longest wait for bytes or for the opening of the port
@@ -58,7 +59,8 @@ class ControllerEmulator:
         auto_reset: bool = True,
     ) -> None:
         # tests reach into the machine of one firmware or the other
-        self.machine: Any = _machine(firmware, on_motion, on_outputs, clock_scale)
+        self._relays = StickingRelays(on_outputs)
+        self.machine: Any = _machine(firmware, on_motion, self._relays.switch, clock_scale)
         self._auto_reset = auto_reset
         self._powered = not auto_reset
         self.machine.settings[22] = float(homing)
@@ -104,6 +106,7 @@ class ControllerEmulator:
         controller, as after a brown-out;
         ``alarm N`` raises an alarm; ``door`` opens the safety door of GRBL; ``slip D`` turns the
         table by D degrees on the shaft;
+        ``stick`` welds the relays of the lasers that are on, which shine until ``release``;
         ``noise`` sends a line of random bytes, ``say TEXT`` a line, ``half`` the begin of one,
         ``long`` a line of 4000 characters; ``unplug`` removes the port and with it the supply of
         the controller, as with a USB cable: outputs off, position lost; ``plug`` ends that.
@@ -127,6 +130,8 @@ class ControllerEmulator:
             'door': lambda text, now: self.machine.open_door(now),
             'alarm': lambda text, now: self.machine.alarm(int(text), now),
             'slip': lambda text, now: self.machine.axis.slip(float(text), now),
+            'stick': lambda text, now: self._relays.stick(),
+            'release': lambda text, now: self._relays.release(now),
             'noise': lambda text, now: self._write(self._noise() + b'\n'),
             'say': lambda text, now: self._write(f'{text}\r\n'.encode()),
             'half': lambda text, now: self._write(b'<Idle|MPos:1'),

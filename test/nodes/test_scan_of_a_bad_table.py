@@ -107,6 +107,19 @@ def test_positions_that_contradict_each_other_end_the_scan_with_their_publishers
     client.spin(0.2)
 
 
+def test_laser_that_shines_although_it_is_off_ends_the_scan(client, fake):
+    start_sweep(client, fake)
+    fault = 'laser left is reported off and shines in the images'
+    fake.say_of_triangulator(scan_id='an earlier scan', laser_stuck=fault)
+    client.spin(0.2)
+    scan_id = {item.key: item.value for item in client.status[-1].values}['scan_id']
+    fake.say_of_triangulator(scan_id=scan_id, laser_stuck=fault)
+    answer, seconds = result(client)
+    assert answer['code'] == 'LASER_STUCK'
+    assert fault in answer['detail']
+    assert seconds < 2.0
+
+
 def test_scan_homes_a_table_that_is_locked(client, fake):
     def home(_, response):
         fake.fault_of_controller('', 'connected')

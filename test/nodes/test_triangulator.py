@@ -49,6 +49,21 @@ def test_every_image_becomes_a_profile_of_the_sphere(client, inputs, cell_file, 
     assert np.sqrt(np.mean(sphere.distance(points) ** 2)) < 1e-4
 
 
+def test_laser_that_shines_although_it_is_off_is_reported(client, inputs, cell_file, frames):
+    found = client.collect(PointCloud2, 'profile')
+    last = replace(frames[19], laser=-1)
+    dark = replace(last, image=np.zeros_like(last.image))
+    with running('triangulator', cell=str(cell_file)):
+        inputs.wait()
+        feed(inputs, frames[:20], found=found)
+        feed(inputs, [last] * 3, first=20)
+        client.until(lambda: 'shines in the images' in client.diagnostic('triangulator'))
+        feed(inputs, [dark] * 2, first=23)
+        client.until(lambda: 'shines in the images' not in client.diagnostic('triangulator'))
+        # no image with the lasers off is a profile
+        assert len(found) == 20
+
+
 def test_changed_settings_lose_no_image_that_waits_for_its_settings(
     client, inputs, cell_file, frames
 ):

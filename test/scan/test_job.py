@@ -54,6 +54,10 @@ class FakeTools:
         assert self.lit is None
         self._do('dark_frame')
 
+    async def check_lasers_off(self):
+        assert self.lit is None
+        self._do('dark_check')
+
     async def wait_for_profile(self, view):
         self._do('profile', view)
 
@@ -178,6 +182,17 @@ def test_continuous_scan_has_lead_in_and_lead_out():
     assert moves[1][1] == pytest.approx(0.314159)
     assert moves[2][0] >= end - 2e-3
     assert tools.names()[:6] == ['prepare', 'move', 'select', 'light', 'rate', 'move']
+
+
+@pytest.mark.parametrize(('motion', 'profiles'), [('continuous', 200), ('step', 12)])
+def test_lasers_are_checked_to_be_off_after_every_sweep(motion, profiles):
+    tools, _, _ = run(motion=motion, profiles=profiles, views=2)
+    names = tools.names()
+    selected = [index for index, name in enumerate(names) if name == 'select']
+    checked = [index for index, name in enumerate(names) if name == 'dark_check']
+    assert len(checked) == len(selected) > 1
+    assert all(first < second for first, second in zip(selected, checked, strict=True))
+    assert names.index('retakes') > checked[0]
 
 
 @pytest.mark.parametrize('where', ['prepare', 'move', 'light', 'settled', 'register', 'build'])

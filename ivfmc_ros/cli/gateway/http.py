@@ -4,12 +4,13 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-import ipaddress
 from pathlib import Path
 import threading
 
 import click
 
+from ivfmc_ros.access_token import read_token
+from ivfmc_ros.access_token import require_token
 from ivfmc_ros.cli.gateway.cell_gateway import CellGateway
 from ivfmc_ros.cli.gateway.http_server import GatewayServer
 from ivfmc_ros.cli.support.cell_run import NAMESPACE
@@ -17,10 +18,7 @@ from ivfmc_ros.cli.support.cell_run import namespace_of
 from ivfmc_ros.cli.support.client import cell_client
 from ivfmc_ros.cli.support.output import console
 from ivfmc_ros.cli.up import interrupted
-from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
-
-_MIN_TOKEN = 16
 
 
 @click.command()
@@ -42,11 +40,8 @@ def http(namespace: str, address: str, port: int, token_file: Path | None) -> No
     GET /status; GET /events (server-sent events); POST /start with the parameters of the scan as
     JSON; POST /cancel, /pause, /resume. No request names a path.
     """
-    token = _token(token_file)
-    if not _is_loopback(address) and not token:
-        raise ParameterError(
-            f'--address {address}: other computers can reach it; name a --token-file'
-        )
+    token = read_token(token_file)
+    require_token(address, token, '--token-file')
     with cell_client(namespace_of(namespace)) as client, interrupted() as ending:
         gateway = CellGateway(client)
         with _serving(gateway, address, port, token) as server:
@@ -68,25 +63,3 @@ def _serving(gateway: CellGateway, address: str, port: int, token: str) -> Itera
     finally:
         server.close()
         thread.join()
-
-
-def _token(path: Path | None) -> str:
-    if path is None:
-        return ''
-    try:
-        token = path.read_text(encoding='ascii').strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(f'{path}: cannot be read as a token: {error}') from error
-    if len(token) < _MIN_TOKEN or not token.isprintable():
-        raise ParameterError(
-            f'{path}: a token has at least {_MIN_TOKEN} printable characters; make one with '
-            'openssl rand -hex 24'
-        )
-    return token
-
-
-def _is_loopback(address: str) -> bool:
-    try:
-        return ipaddress.ip_address(address).is_loopback
-    except ValueError:
-        raise ParameterError(f'--address {address!r}: is no IP address') from None

@@ -22,6 +22,10 @@ _POSITION_TOLERANCE = 0.05  # controller units from the target, eight steps of t
 # in a row are no damaged line: the controller executes another motion than the one sent.
 _MOTION_TIME_TOLERANCE = 0.3
 _MAX_CONTRADICTIONS = 3
+# On a busy computer the driver learns late that a motion has begun, and the whole motion seems
+# early or late by one time. Two reports in a row that agree on it within this, seconds, shift the
+# plan, once a motion and by a limited time; a motion at another speed disagrees again.
+_SHIFT_TOLERANCE, _MAX_SHIFT = 0.05, 2.0
 _PENDANT_TIME = 0.5  # seconds between two reports of an axis that is moved by hand
 _MM_PER_INCH = 25.4
 _ROTARY = 'ABC'  # letters of axes that turn
@@ -47,6 +51,8 @@ class AxisTracker:
         self._standstill_unknown = True
         self._unconfirmed: float | None = None  # position that the next report must confirm
         self._contradictions = 0  # reports in a row that contradict the commanded motion
+        self._lateness: float | None = None  # by the last one of these
+        self._shifted = False  # whether the plan of the motion was shifted
         self._work_offset: float | None = None  # machine minus work position
         self._new_work_offset: float | None = None
         self._commanded_at = 0.0  # a report to an earlier query does not tell of an arrival
@@ -110,6 +116,7 @@ class AxisTracker:
         """Note that the announced move was accepted: it begins."""
         if self._announced is not None:
             self._estimator.begin(self._announced, now)
+            self._lateness, self._shifted = None, False
             self._announced, self._commanded_at = None, now
 
     def end(self, now: float) -> bool:
@@ -231,10 +238,23 @@ class AxisTracker:
                 self._estimator.state_at(times[1] + _MOTION_TIME_TOLERANCE)[0],
             ]
             low, high = min(plan) - _POSITION_TOLERANCE, max(plan) + _POSITION_TOLERANCE
-            self._contradictions = 0 if low <= units <= high else self._contradictions + 1
+            agrees = low <= units <= high or self._shift(sum(times) / 2, units)
+            self._contradictions = 0 if agrees else self._contradictions + 1
             self.lost = self.lost or self._contradictions >= _MAX_CONTRADICTIONS
         self._estimator.update(sum(times) / 2, units)
         return self._contradictions == 0
+
+    def _shift(self, time: float, units: float) -> bool:
+        """Shift the plan if two reports in a row agree on its lateness; return whether they do."""
+        before, self._lateness = self._lateness, self._estimator.lateness(time, units)
+        if self._shifted or before is None or self._lateness is None:
+            return False
+        is_same = abs(self._lateness - before) <= _SHIFT_TOLERANCE
+        if not is_same or abs(self._lateness) > _MAX_SHIFT:
+            return False
+        self._estimator.delay(self._lateness)
+        self._shifted = True
+        return True
 
     def _follow_hand(self, units: float, max_rate: float) -> bool:
         """Follow an axis that is moved by a pendant or another program."""

@@ -104,6 +104,24 @@ class PositionEstimator:
         """Return the estimated (position, velocity)."""
         return trajectory.state_at(self._plan, self._plan_time(time))
 
+    def lateness(self, time: float, position: float) -> float | None:
+        """
+        Return by how many seconds the axis passes ``position`` later than planned.
+
+        None where the plan does not pass it, or too slowly to tell when.
+        """
+        plan_time = trajectory.time_at_position(self._plan, position)
+        if self.standing or plan_time is None:
+            return None
+        speed = abs(trajectory.state_at(self._plan, plan_time)[1])
+        if speed < _MIN_SPEED_FRACTION * self._max_speed:
+            return None
+        return (self._plan_time(time) - plan_time) / self._scale
+
+    def delay(self, seconds: float) -> None:
+        """Shift the rest of the motion to a later time."""
+        self._start_time += seconds
+
     def has_ended(self, time: float) -> bool:
         """Return whether the motion should have ended by ``time``."""
         return self._plan_time(time) >= trajectory.end_time(self._plan)

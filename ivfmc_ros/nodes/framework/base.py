@@ -89,7 +89,7 @@ class CellNode(ParameterNode):
             DiagnosticArray, '/diagnostics', qos.reliable(10)
         )
         self.steady_timer(HEARTBEAT_S, self.life.beat)
-        self.steady_timer(DIAGNOSTICS_S, self._publish_diagnostics)
+        self.steady_timer(DIAGNOSTICS_S, self.publish_diagnostics)
 
     def steady_timer(self, period_s: float, callback: Callable[[], object]) -> Any:
         """Return a timer on a clock that never jumps, with a guarded callback."""
@@ -265,7 +265,8 @@ class CellNode(ParameterNode):
     def before_diagnosis(self) -> None:
         """Update ``status`` and conditions before they are published; a subclass overrides it."""
 
-    def _publish_diagnostics(self) -> None:
+    def publish_diagnostics(self) -> None:
+        """Publish the conditions now; a timer does so once a second."""
         self._check_inputs()
         self.before_diagnosis()
         self.health.log_ended()

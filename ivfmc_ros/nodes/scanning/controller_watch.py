@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the diagnostics of others say: the controller's fault, a part that is cut, a node's end."""
+"""What the diagnostics say: faults of controller and lasers, a part that is cut, a node's end."""
 
 from collections.abc import Callable
 
@@ -30,6 +30,8 @@ class ControllerWatch:
         self.code, self.message = '', ''
         # how the working volume cuts the part, by the id of the scan
         self._cuts: dict[str, str] = {}
+        # the laser that shines although it is off, by the id of the scan
+        self._stuck: dict[str, str] = {}
         self._table_fault = ''
         self._name = f'{node.get_namespace()}/turntable'.lstrip('/')
         self._triangulator = f'{node.get_namespace()}/triangulator'.lstrip('/')
@@ -51,6 +53,10 @@ class ControllerWatch:
         """Return how the working volume cuts the part of a scan; '' if it does not."""
         return self._cuts.get(scan_id, '')
 
+    def laser_stuck(self, scan_id: str) -> str:
+        """Return which laser of a scan shines although it is reported off; '' if none does."""
+        return self._stuck.get(scan_id, '')
+
     def _receive(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == self._name:
@@ -66,4 +72,6 @@ class ControllerWatch:
                 values = {value.key: value.value for value in status.values}
                 # of the last scan only
                 self._table_fault = values.get('table_fault', '')
-                self._cuts = {values.get('scan_id', ''): values.get('part_cut', '')}
+                scan_id = values.get('scan_id', '')
+                self._cuts = {scan_id: values.get('part_cut', '')}
+                self._stuck = {scan_id: values.get('laser_stuck', '')}

@@ -18,6 +18,7 @@ from ivfmc_ros.nodes.framework.adaptive_subscription import AdaptiveSubscription
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.futures import Condition
 from ivfmc_ros.nodes.framework.futures import ServiceClients
+from ivfmc_ros.nodes.scanning.beam_control import BeamControl
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
 from ivfmc_ros.nodes.scanning.cell_link import JOINTS
 from ivfmc_ros.nodes.scanning.mesh_verdict import judge_mesh
@@ -46,15 +47,12 @@ _PROCESSING_S = 3600.0
 # a short service call or the first message of a topic, on a busy machine; also added to a move
 _RESPONSE_S = 15.0
 _HOMING_S = 120.0
-_LASER_S = 10.0
 _FLUSH_S = 60.0
 _STOP_RECORDER_S = 120.0
 _ABORT_S = 5.0
 _ABORT_RECORDER_S = 10.0
 # a cell whose nodes are starting
 _STARTUP_S = 15.0
-# Time after standstill until a dark frame is accepted, ns: above ``settle`` of the triangulator.
-_SETTLE_NS = 200_000_000
 # Profiles from which the profile rate is measured.
 _RATE_PROFILES = 6
 # Fraction of the planned profile rate below which the operator is warned.
@@ -95,7 +93,15 @@ class GraphTools:
         self._working = ''
         # a controller with a home switch is locked when its supply comes on
         disk = DiskWatch(context.folder, context.reserve)
-        self._guard = ScanGuard(machine, link, context.patience, disk, needs_homing=context.home)
+        self._guard = ScanGuard(
+            machine,
+            link,
+            context.patience,
+            disk,
+            needs_homing=context.home,
+            scan_id=context.scan_id,
+        )
+        self._beam = BeamControl(node, link, self._until, context.patience)
         self._standstill_ns = 0
         self.bag: Mapping[str, Any] = {}
         self.has_figures = False
@@ -210,10 +216,7 @@ class GraphTools:
 
     async def laser_on(self, laser: str) -> None:
         """Switch this laser on and all others off; return when that is reported."""
-        self._link.hold(laser)
-        await self._until(
-            lambda: self._link.is_on(laser), _LASER_S, f'laser {laser} to be on', 'LASER_FAILED'
-        )
+        await self._beam.turn_on(laser)
 
     def lasers_off(self) -> None:
         """Command all lasers off; does not wait."""
@@ -221,14 +224,11 @@ class GraphTools:
 
     async def take_dark_frame(self) -> None:
         """Return when an image was exposed with all lasers off at the present position."""
-        link, name = self._link, 'all lasers to be off'
-        await self._until(lambda: link.dark_since_ns is not None, _LASER_S, name, 'LASER_FAILED')
-        # the triangulator accepts it only some time after standstill
-        begin = max(link.dark_since_ns or 0, self._standstill_ns + _SETTLE_NS)
-        patience = self.context.patience
-        await self._until(
-            lambda: link.last_image_ns >= begin, patience, 'a dark image', 'CAMERA_LOST'
-        )
+        await self._beam.take_dark_frame(self._standstill_ns)
+
+    async def check_lasers_off(self) -> None:
+        """Return when images were exposed with all lasers off, in which one may still shine."""
+        await self._beam.check_off()
 
     async def wait_for_profile(self, view: int) -> None:
         """Return when a profile of ``view`` at the present position has been received."""

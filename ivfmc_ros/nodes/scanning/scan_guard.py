@@ -9,6 +9,7 @@ from ivfmc_ros.scan.disk_space import DiskWatch
 from ivfmc_ros.scan.state_machine import StateMachine
 
 NOT_RECORDED = 'NOT_RECORDED'
+LASER_STUCK = 'LASER_STUCK'
 # Faults of the motion controller that homing ends.
 _UNLOCKED_BY_HOMING = ('CONTROLLER_ALARM', 'POSITION_LOST')
 
@@ -22,6 +23,7 @@ class ScanGuard:
     needs_images : the scan still takes images, so that clocks must not jump
     needs_homing : the scan homes the table, whose controller may be locked until then
     disk : where the scan is recorded
+    scan_id : of the scan, in the diagnostics of others
     """
 
     def __init__(
@@ -32,9 +34,11 @@ class ScanGuard:
         disk: DiskWatch,
         *,
         needs_homing: bool,
+        scan_id: str,
     ) -> None:
         self._machine, self._link, self._patience_s = machine, link, patience_s
         self.disk = disk
+        self._scan_id = scan_id
         self.watched: list[str] = []
         self.recording = False
         self.needs_images = True
@@ -48,6 +52,9 @@ class ScanGuard:
         if JOINTS in self.watched and not may_be_locked:
             # before the silence that it causes
             controller.require_ready()
+        stuck = controller.laser_stuck(self._scan_id)
+        if stuck:
+            raise HelperError(LASER_STUCK, stuck)
         self._link.watch.require_alive(self.watched)
         self._link.require_unique_profiles()
         if self.needs_images:

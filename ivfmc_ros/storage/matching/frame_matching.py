@@ -106,7 +106,8 @@ class FrameMatch:
     payload : the image as it was passed to ``add_image``
     reason : why the image is not used; empty where it is used
     angle : table angle, radians, without the whole turns at the start of the scan; exact in
-        single precision, as it is published
+        single precision, as it is published; also known where the lasers were off, after the
+        first image that is used
     speed : velocity of the table, radians per second
     laser : index of the laser in the order of the cell
     dark : the dark frame of the same position, where it is requested and was received
@@ -305,7 +306,7 @@ class FrameMatcher:
             angle = self._joint_history.position_at(stamp_ns)
             self._dark = DarkFrame(payload=image.payload, stamp_ns=stamp_ns, angle=angle)
         if reason or laser is None:
-            return FrameMatch(payload=image.payload, stamp_ns=stamp_ns, reason=reason)
+            return self._unused(image, reason)
         angle = self._joint_history.position_at(stamp_ns)
         if self._turns is None:
             # single precision cannot hold the angle of a table that has made many turns
@@ -324,6 +325,15 @@ class FrameMatcher:
         if not match.reason:
             self._measured_angles[match.view] = angle
         return match
+
+    def _unused(self, image: _WaitingImage, reason: str) -> FrameMatch:
+        """Return an image that becomes no profile; one of the lasers off has its angle."""
+        angle = math.nan
+        if reason == LASER_OFF and self._turns is not None:
+            angle = self._joint_history.position_at(image.stamp_ns) - self._turns
+        return FrameMatch(
+            payload=image.payload, stamp_ns=image.stamp_ns, reason=reason, angle=angle
+        )
 
     def _bracketed(self, match: FrameMatch, settings: MatchSettings) -> FrameMatch:
         """Return the last exposure of a position with the others, and for these a reason."""

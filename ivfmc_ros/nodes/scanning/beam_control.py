@@ -1,0 +1,71 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Switches the lasers for a scan, and waits for the images that show it."""
+
+from collections.abc import Awaitable
+from collections.abc import Callable
+
+from ivfmc_ros.nodes.framework.base import CellNode
+from ivfmc_ros.nodes.framework.futures import Condition
+from ivfmc_ros.nodes.scanning.cell_link import CellLink
+
+# Until a laser reports what was commanded, seconds.
+_LASER_S = 10.0
+# Time after standstill until a dark frame is accepted, ns: above ``settle`` of the triangulator.
+_SETTLE_NS = 200_000_000
+# Images after each sweep in which the triangulator looks for a laser that still shines: its
+# verdict needs two (``stripe.stuck_beam``), and the first may be exposed before the switch.
+_DARK_IMAGES = 3
+
+# Waits for a condition: seconds, what is awaited, and the error code after that time.
+Until = Callable[[Condition, float, str, str], Awaitable[None]]
+
+
+class BeamControl:
+    """The part of ``scan.job.Tools`` that concerns the lasers."""
+
+    def __init__(self, node: CellNode, link: CellLink, until: Until, patience_s: float) -> None:
+        """``patience_s`` : within which an image comes, seconds."""
+        self._node, self._link, self._until = node, link, until
+        self._patience_s = patience_s
+
+    async def turn_on(self, laser: str) -> None:
+        """Switch this laser on and all others off; return when that is reported."""
+        self._link.hold(laser)
+        await self._until(
+            lambda: self._link.is_on(laser), _LASER_S, f'laser {laser} to be on', 'LASER_FAILED'
+        )
+
+    async def take_dark_frame(self, standstill_ns: int) -> None:
+        """Return when an image was exposed with all lasers off, some time after standstill."""
+        # the triangulator accepts it only then
+        begin = max(await self._dark_since_ns(), standstill_ns + _SETTLE_NS)
+        await self._until(
+            lambda: self._link.last_image_ns >= begin,
+            self._patience_s,
+            'a dark image',
+            'CAMERA_LOST',
+        )
+
+    async def check_off(self) -> None:
+        """Return when the triangulator has images in which a laser may still shine."""
+        if not self._node.count_publishers('laser_states'):
+            return
+        since = await self._dark_since_ns()
+        await self._until(
+            lambda: sum(stamp > since for stamp in self._link.info_stamps_ns) >= _DARK_IMAGES,
+            self._patience_s,
+            'images with all lasers off',
+            'CAMERA_LOST',
+        )
+
+    async def _dark_since_ns(self) -> int:
+        """Return the stamp since which all lasers are reported off, nanoseconds."""
+        link = self._link
+        await self._until(
+            lambda: link.dark_since_ns is not None,
+            _LASER_S,
+            'all lasers to be off',
+            'LASER_FAILED',
+        )
+        return link.dark_since_ns or 0
