@@ -118,6 +118,8 @@ setup(
         'postgresql': ['psycopg[binary]>=3.1'],
         # ivfmc gateway opcua
         'opcua': ['asyncua>=1.1'],
+        # ivfmc up --window, ivfmc view
+        'window': ['viser>=1.0,<2'],
         # reconstruction of many bags on a cluster
         'dask': ['distributed>=2024.1'],
         # no wheels for ARM
@@ -147,6 +149,7 @@ setup(
             'mcap-ros2-support>=0.5',
             'mypy==2.4.1',
             'networkx',
+            'playwright>=1.40',
             'numpy<2.5',
             'psycopg[binary]>=3.1',
             'psutil>=5.9',
@@ -158,6 +161,7 @@ setup(
             'twine>=5.0',
             'types-PyYAML',
             'types-pyserial',
+            'viser>=1.0,<2',
         ],
     },
     entry_points={

@@ -28,6 +28,7 @@ NODES = {
     'recorder': 'Recorder',
     'camera': 'CameraNode',
     'turntable': 'TurntableNode',
+    'window': 'Window',
 }
 NOTE = '<!-- Made by docs/generate.py: change the code and run `make reference`. -->\n\n'
 # rclpy declares these by itself

@@ -26,6 +26,7 @@ _COMMANDS = {
     'import-images': 'ivfmc_ros.cli.import_images:import_images',
     'inspect': 'ivfmc_ros.cli.inspect:inspect',
     'reconstruct': 'ivfmc_ros.cli.reconstruct:reconstruct',
+    'view': 'ivfmc_ros.cli.view:view',
 }
 
 

@@ -21,6 +21,7 @@ from ivfmc_ros.cli.support.cell_run import NODES
 from ivfmc_ros.cli.support.cell_run import OF_HARDWARE
 from ivfmc_ros.cli.support.cell_run import parse_overrides
 from ivfmc_ros.cli.support.cell_run import start
+from ivfmc_ros.cli.support.cell_run import WINDOW
 from ivfmc_ros.cli.support.cell_run import write_simulated
 from ivfmc_ros.cli.support.client import cell_client
 from ivfmc_ros.cli.support.client import CellClient
@@ -86,6 +87,11 @@ _POLL_S = 0.1
     show_default=True,
     help='What follows when a node ends or hangs: start it again (later each time, at most 5 '
     'times within 10 minutes), or stop the cell.',
+)
+@click.option(
+    '--window',
+    is_flag=True,
+    help='Serve the work window to browsers of this computer, on port 8088 (window.port).',
 )
 @click.option(
     '--set',
@@ -167,7 +173,10 @@ def run_of(options: dict[str, Any]) -> CellRun:
         camera=camera,
         namespace=namespace_of(options['namespace']),
         simulate=simulate,
-        nodes=[name for name in NODES if not (replay and name in OF_HARDWARE)],
+        nodes=[
+            *(name for name in NODES if not (replay and name in OF_HARDWARE)),
+            *((WINDOW,) if options['window'] else ()),
+        ],
         part=options['part'],
         unit=options['unit'],
         seed=options['seed'],

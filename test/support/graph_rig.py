@@ -173,6 +173,10 @@ class Client:
         values = ' | '.join(f'{value.key}: {value.value}' for value in status.values)
         return f'{status.level[0]} {status.message} | {values}'
 
+    def forget(self, node: str) -> None:
+        """Forget the last diagnostics of a node that has ended."""
+        self._diagnostics.pop(f'{NAMESPACE.strip("/")}/{node}', None)
+
     def _diagnose(self, message: DiagnosticArray) -> None:
         self._diagnostics.update({status.name: status for status in message.status})
 

@@ -25,6 +25,7 @@ ROWS = (
     'scan',
     'pipeline',
     'results',
+    'window',
     'nodes',
     'cli',
     'examples',

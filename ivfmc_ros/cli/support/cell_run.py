@@ -40,6 +40,8 @@ NODES = (
     'recorder',
     'orchestrator',
 )
+# A node that the cell can do without.
+WINDOW = 'window'
 # `ivfmc up --replay` starts without these: a bag replaces them.
 OF_HARDWARE = ('turntable', 'camera', 'orchestrator')
 NAMESPACE = '/ivfmc'
@@ -174,14 +176,18 @@ def own_parameters(run: CellRun, node: str) -> dict[str, Any]:
         'recorder': {'scan_root': root},
         'orchestrator': {'cell': cell, 'scan_root': root},
     }
+    found[WINDOW] = {'cell': cell, 'scan_root': root}
+    found[WINDOW]['pictures'] = str((run.folder / 'calibration_pictures').absolute())
     if run.recipes is not None:
-        found['orchestrator']['recipe_root'] = str(run.recipes.absolute())
+        for name in ('orchestrator', WINDOW):
+            found[name]['recipe_root'] = str(run.recipes.absolute())
     table = load_draft(run.cell).turntable
     if table is not None:
-        found['orchestrator']['joint'] = table.joint
+        found['orchestrator']['joint'] = found[WINDOW]['joint'] = table.joint
         found['turntable'] = {'joint': table.joint}
     if run.camera is not None:
         found['camera'] = {'camera_info': str(run.camera.absolute())}
+        found[WINDOW]['camera'] = str(run.camera.absolute())
     if run.simulate:
         place = str(run.simulation.absolute())
         found.setdefault('camera', {}).update({'backend': 'simulated', 'simulation': place})
@@ -216,9 +222,10 @@ def parse_overrides(items: Sequence[str]) -> dict[str, dict[str, Any]]:
     for item in items:
         place, equals, text = item.partition('=')
         node, dot, name = place.partition('.')
-        if not (equals and dot and name) or node not in NODES:
+        known = (*NODES, WINDOW)
+        if not (equals and dot and name) or node not in known:
             raise ParameterError(
-                f'--set {item!r}: must be node.parameter=value; nodes are {", ".join(NODES)}'
+                f'--set {item!r}: must be node.parameter=value; nodes are {", ".join(known)}'
             )
         _require_declared(item, node, name)
         try:

@@ -19,6 +19,7 @@ import yaml
 from ivfmc_ros.cli.support.cell_run import CellRun
 from ivfmc_ros.cli.support.cell_run import own_parameters
 from ivfmc_ros.cli.support.cell_run import SIMULATION
+from ivfmc_ros.cli.support.cell_run import WINDOW
 from ivfmc_ros.cli.support.client import CellClient
 from ivfmc_ros.cli.support.processes import Processes
 from ivfmc_ros.cli.support.processes import Say
@@ -55,7 +56,12 @@ class Supervisor:
         *,
         restart: bool = True,
     ) -> None:
-        """``restart`` : start a node that has ended again; otherwise the cell ends."""
+        """
+        Start with a cell that has just been started.
+
+        restart : start a node that has ended again; otherwise the cell ends, but for the window,
+            which the cell can do without
+        """
         from diagnostic_msgs.msg import DiagnosticArray
         from diagnostic_msgs.msg import DiagnosticStatus
         from std_msgs.msg import Header
@@ -64,6 +70,8 @@ class Supervisor:
 
         self._run, self._processes, self._client, self._say = run, processes, client, say
         self._restarts = Restarts() if restart else None
+        # what has ended for good, and the cell goes on without
+        self._given_up: set[str] = set()
         # seconds without a heartbeat by node, since its first one
         self._silent_s: dict[str, float] = {}
         self._checked_s = time.monotonic()
@@ -89,8 +97,8 @@ class Supervisor:
         if time.monotonic() - self._checked_s < _CHECK_S:
             return
         self._count_silence()
-        pending = self._restarts.pending if self._restarts else set()
-        for name in [name for name in self._processes.ids if name not in pending]:
+        away = self._given_up | (self._restarts.pending if self._restarts else set())
+        for name in [name for name in self._processes.ids if name not in away]:
             reason = self._driver_fault() if name == _DRIVER else self._node_fault(name)
             if reason and name == _DRIVER:
                 self._say('up', f'{reason}; resetting the motion controller')
@@ -98,7 +106,8 @@ class Supervisor:
             elif reason:
                 self._processes.kill(name)
                 self._end(name, reason)
-        ended = self._processes.ended(self._restarts.pending if self._restarts else ())
+        pending = self._restarts.pending if self._restarts else set()
+        ended = self._processes.ended(pending | self._given_up)
         if ended is not None:
             self._end(ended.name, str(ended), is_final=ended.code == _NOT_CREATED)
         for name in self._restarts.due() if self._restarts else ():
@@ -108,12 +117,17 @@ class Supervisor:
 
     def _end(self, name: str, reason: str, *, is_final: bool = False) -> None:
         """Let a process that has ended be started again; :raises HelperError: it is not."""
-        if self._restarts is None or is_final or name == SIMULATION:
-            raise HelperError('NODE_DIED', f'{reason}; the cell is taken down')
         try:
+            if self._restarts is None or is_final or name == SIMULATION:
+                raise HelperError('NODE_DIED', reason)
             delay_s, number = self._restarts.add(name)
         except HelperError as error:
-            raise HelperError(error.code, f'{reason}; {error}; the cell is taken down') from error
+            text = reason if reason in str(error) else f'{reason}; {error}'
+            if name == WINDOW:
+                self._given_up.add(name)
+                self._say('up', f'{text}; the cell goes on without its window')
+                return
+            raise HelperError(error.code, f'{text}; the cell is taken down') from error
         text = f'{reason}; it is started again in {delay_s:.1f} s ({number} of at most {MOST})'
         self._say('up', text)
         # the orchestrator need not wait for the silence of the node

@@ -6,6 +6,7 @@ import base64
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
+from dataclasses import field
 from html import escape
 import json
 from pathlib import Path
@@ -24,6 +25,8 @@ from ivfmc_ros.model import Ints
 MOST_TRIANGLES = 150_000
 _BINS = 60
 _NO_VALUE = 255
+# Parts of the figures that a reader wants first; the others are folded.
+_UNFOLDED = ('characteristics', 'surface', 'views', 'completeness')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +46,8 @@ class Page:
     vertices_xyz : (n, 3) meters; faces : (m, 3); values : (n,) meters, NaN where there is none
     span : meters, where the colors end; they begin at -span, or at 0 if not ``signed``
     figures : numbers by name, in SI units, as ``tables`` shows them
+    heading : what was measured, when and how: the block of texts below the title
+    still : picture of the mesh for a printed page, in which nothing turns; None for none
     """
 
     title: str
@@ -54,6 +59,8 @@ class Page:
     signed: bool = True
     quantity: str = 'deviation'
     pictures: Sequence[ReportImage] = ()
+    heading: Mapping[str, str] = field(default_factory=dict)
+    still: ReportImage | None = None
 
     @property
     def low(self) -> float:
@@ -73,15 +80,17 @@ def write_html(path: Path, page: Page) -> None:
         '<!doctype html><html lang="en"><head><meta charset="utf-8">',
         # without this a browser asks for one
         f'<link rel="icon" href="data:,"><title>{title}</title><style>{viewer.STYLE}</style>',
-        f'</head><body><h1>{title}</h1>',
-        _verdict(page.figures),
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        f'</head><body>{_verdict(page.figures)}<h1>{title}</h1>',
+        _heading(page.heading),
+        _still(page.still),
         '<canvas id="view"></canvas><p><span id="state">drawing</span> &nbsp; ',
         f'{quantity} {page.low * 1e3:.3g}<span id="bar" style="background:{viewer.BAR}"></span>',
         f'{page.span * 1e3:.3g} mm &nbsp; ',
         '<label><input type="checkbox" id="plain"> plain</label></p>',
         f'<h2>Distribution of {quantity}</h2>',
         _histogram(finite * 1e3, page.low * 1e3, page.span * 1e3),
-        tables.tables(page.figures),
+        tables.folded(page.figures, _UNFOLDED),
         _gallery(page.pictures),
         f'<script type="application/json" id="mesh">{_mesh(page)}</script>',
         f'<script>{viewer.PROGRAM}</script></body></html>',
@@ -114,8 +123,34 @@ def _encoded(data: bytes) -> str:
 
 
 def _verdict(figures: Mapping[str, Any]) -> str:
-    verdict = figures.get('verdict')
-    return '' if verdict is None else f'<p>Verdict: {tables.verdict(str(verdict))}</p>'
+    """Return the verdict, or the code of a scan that is not OK, as the first thing of the page."""
+    inspection = figures.get('inspection')
+    nested = inspection.get('verdict') if isinstance(inspection, Mapping) else None
+    text = str(figures.get('verdict') or nested or '')
+    code = str(figures.get('code') or 'OK')
+    if code != 'OK':
+        text, kind = code, 'fail'
+    else:
+        kind = text.split(maxsplit=1)[0] if text else ''
+    return f'<p class="banner {escape(kind)}">{escape(text.upper())}</p>' if text else ''
+
+
+def _heading(texts: Mapping[str, str]) -> str:
+    items = ''.join(
+        f'<div><dt>{escape(name)}</dt><dd>{escape(text) or "&nbsp;"}</dd></div>'
+        for name, text in texts.items()
+    )
+    return f'<dl class="heading">{items}</dl>' if items else ''
+
+
+def _still(picture: ReportImage | None) -> str:
+    if picture is None:
+        return ''
+    return (
+        f'<figure class="print"><img alt="{escape(picture.caption)}" '
+        f'src="data:{picture.media};base64,{_encoded(picture.data)}">'
+        f'<figcaption>{escape(picture.caption)}</figcaption></figure>'
+    )
 
 
 def _histogram(values: Floats, low: float, high: float) -> str:

@@ -54,8 +54,14 @@ def scan_page(
     poses: Poses,
     samples: Sequence[tuple[Frame, Profile]],
     figures: Mapping[str, Any],
+    heading: Mapping[str, str] | None = None,
+    still: ReportImage | None = None,
 ) -> Page:
-    """Return the page of a scan; the mesh is colored by the sigma of its vertices."""
+    """
+    Return the page of a scan; the mesh is colored by the sigma of its vertices.
+
+    heading, still : see ``Page``
+    """
     known = mesh.sigma[np.isfinite(mesh.sigma)]
     return Page(
         title=title,
@@ -67,6 +73,8 @@ def scan_page(
         signed=False,
         quantity='sigma',
         pictures=[*_clouds(views, poses), *_stripes(samples)],
+        heading=heading or {},
+        still=still,
     )
 
 

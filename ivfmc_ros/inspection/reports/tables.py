@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conversion of report figures in SI units to HTML tables in millimeters and degrees."""
 
+from collections.abc import Collection
 from collections.abc import Mapping
 from collections.abc import Sequence
 from html import escape
@@ -40,6 +41,25 @@ def tables(figures: Mapping[str, Any]) -> str:
         left out. Meters are shown in millimeters, radians in degrees.
     """
     return _section(figures, 2)
+
+
+def folded(figures: Mapping[str, Any], unfolded: Collection[str]) -> str:
+    """
+    Return figures as sections that a reader can fold and unfold.
+
+    figures : as of ``tables``
+    unfolded : names of the parts that are shown at once
+    """
+    parts = {key: value for key, value in figures.items() if not _empty(value)}
+    plain = {key: value for key, value in parts.items() if not _nested(value)}
+    html = [_pairs(plain)] if plain else []
+    for key, value in parts.items():
+        if _nested(value):
+            inner = _section(value, 3) if isinstance(value, Mapping) else _table(value)
+            state = ' open' if key in unfolded else ''
+            head = f'<summary><h2>{escape(_name(key))}</h2></summary>'
+            html.append(f'<details{state}>{head}{inner}</details>')
+    return ''.join(html)
 
 
 def verdict(text: str) -> str:

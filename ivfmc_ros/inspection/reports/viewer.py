@@ -16,6 +16,23 @@ td:first-child, th:first-child { text-align: left; white-space: nowrap }
 #bar { height: 12px; width: 260px; display: inline-block; vertical-align: middle; margin: 0 6px }
 .row { display: flex; flex-wrap: wrap; gap: 20px } img { max-width: 100% }
 figure { margin: 0 } figcaption { color: #5a6675; font-size: 13px }
+.banner { font-size: 34px; font-weight: 700; text-align: center; padding: 6px; margin: 12px 0 0;
+  border-radius: 4px; background: #e6e8eb }
+.banner.pass { background: #0b5d1e; color: #fff } .banner.fail { background: #8f1010; color: #fff }
+.banner.not { background: #ffd966; color: #1a1a1a }
+.heading { display: grid; grid-template-columns: repeat(auto-fill, minmax(220px, 1fr));
+  gap: 2px 18px; margin: 8px 0 14px; border: 1px solid #dde3ea; padding: 8px 12px }
+.heading dt { color: #5a6675; font-size: 12px } .heading dd { margin: 0 0 4px }
+details { border-top: 1px solid #dde3ea } summary { cursor: pointer }
+summary h2 { display: inline-block; margin: 10px 0 } .print { display: none }
+@media (max-width: 600px) { body { padding: 0 8px } #view { height: 320px }
+  .banner { font-size: 26px }
+  td, th { padding: 2px 5px; font-size: 13px } .row img { width: 100% } }
+@media print { @page { margin: 14mm } body { font-size: 11px; max-width: none }
+  #view, #view + p, details:not([open]) { display: none } .print { display: block }
+  .print img { max-height: 95mm } .row img { max-height: 60mm } .wide { overflow: visible }
+  figure, table, svg { break-inside: avoid } .banner { -webkit-print-color-adjust: exact;
+  print-color-adjust: exact } }
 """
 
 # Positions come as 16 bit shares of the box, colors as 8 bit (255: no value), corners as 32 bit.

@@ -61,6 +61,39 @@ def test_page_is_one_file_without_links(tmp_path):
     assert '<span class="not">not decided</span>' in text
 
 
+def test_verdict_comes_first_and_other_parts_are_folded(tmp_path):
+    figures = {
+        'verdict': 'fail',
+        'surface': [{'name': 'all', 'verdict': 'fail'}],
+        'seconds': {'meshing': 2.0},
+    }
+    heading = {'part': 'a <part>', 'operator': ''}
+    write_html(tmp_path / 'report.html', page(figures=figures, heading=heading))
+    text = (tmp_path / 'report.html').read_text()
+    assert text.index('<p class="banner fail">FAIL</p>') < text.index('<h1>')
+    assert '<dt>part</dt><dd>a &lt;part&gt;</dd>' in text
+    assert '<details open><summary><h2>surface</h2>' in text
+    assert '<details><summary><h2>seconds</h2>' in text
+
+
+@pytest.mark.parametrize(
+    ('figures', 'banner'),
+    [
+        ({'code': 'SLIPPED', 'inspection': {'verdict': 'pass'}}, 'banner fail">SLIPPED'),
+        ({'code': 'OK', 'inspection': {'verdict': 'pass'}}, 'banner pass">PASS'),
+        ({'verdict': 'not decided'}, 'banner not">NOT DECIDED'),
+    ],
+)
+def test_scan_that_is_not_ok_shows_no_pass(tmp_path, figures, banner):
+    write_html(tmp_path / 'report.html', page(figures=figures))
+    assert banner in (tmp_path / 'report.html').read_text()
+
+
+def test_scan_without_a_verdict_has_no_banner(tmp_path):
+    write_html(tmp_path / 'report.html', page(figures={'code': 'OK'}))
+    assert '<p class="banner' not in (tmp_path / 'report.html').read_text()
+
+
 def test_million_triangles_stay_below_8_megabytes(tmp_path):
     write_html(tmp_path / 'report.html', page(count=710))
     assert (tmp_path / 'report.html').stat().st_size < 8e6

@@ -1,0 +1,96 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The title block of a scan's report: what was measured, when, by which cell and settings."""
+
+from collections.abc import Mapping
+import hashlib
+from pathlib import Path
+from typing import Any
+
+from ivfmc_ros import __version__
+from ivfmc_ros.cell.cell_file import CellDraft
+from ivfmc_ros.cell.cell_file import load_draft
+from ivfmc_ros.errors import ScanError
+from ivfmc_ros.scan.scan_folder import load_job
+from ivfmc_ros.scan.scan_folder import PARAMETER_FILE
+
+_HASH_DIGITS = 12
+
+
+def title_block(folder: Path) -> dict[str, str]:
+    """
+    Return the texts of the title block of a scan folder, by name.
+
+    What a file that is missing or damaged would say is left out; the operator signs on paper.
+    """
+    job = _job(folder)
+    request = job.get('request', {})
+    texts = {
+        'part': str(request.get('part', '')),
+        'recipe': str(request.get('recipe', '')),
+        'scan': folder.name,
+        'time (UTC)': _time_of(folder.name),
+        **_cell(folder / 'cell.yaml'),
+        'settings (SHA-256)': _digest(folder / PARAMETER_FILE),
+        'software': f'ivfmc_ros {__version__}',
+    }
+    return {**{name: text for name, text in texts.items() if text}, 'operator': ''}
+
+
+def without_folder(value: Any, folder: Path) -> Any:
+    """Return figures with the paths of files in a folder as names: a report is read elsewhere."""
+    if isinstance(value, Mapping):
+        return {key: without_folder(item, folder) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [without_folder(item, folder) for item in value]
+    if isinstance(value, str):
+        if value.startswith('/') and (folder / Path(value).name).exists():
+            # the folder may have been moved since
+            return Path(value).name
+        return value.replace(f'{folder}/', '').replace(str(folder), folder.name)
+    return value
+
+
+def _job(folder: Path) -> Mapping[str, Any]:
+    try:
+        return load_job(folder)
+    except ScanError:
+        return {}
+
+
+def _time_of(scan_id: str) -> str:
+    """Return the time with which the name of a scan begins, such as 20261127T145851Z."""
+    stamp = scan_id.partition('_')[0]
+    if len(stamp) != 16 or stamp[8] != 'T' or not stamp.endswith('Z'):
+        return ''
+    day, clock = stamp[:8], stamp[9:15]
+    return f'{day[:4]}-{day[4:6]}-{day[6:]} {clock[:2]}:{clock[2:4]}:{clock[4:]}'
+
+
+def _cell(path: Path) -> dict[str, str]:
+    try:
+        draft = load_draft(path)
+    except ScanError:
+        return {}
+    temperature = draft.notes.get('temperature_c')
+    return {
+        'lasers': ', '.join(laser.name for laser in draft.lasers),
+        'calibration': draft.created or '',
+        'calibration uncertainty': _covariance(draft),
+        'scale from': str(draft.notes.get('board', '')),
+        'calibrated at': '' if temperature is None else f'{temperature:g} °C',
+    }
+
+
+def _covariance(draft: CellDraft) -> str:
+    if draft.covariance is not None:
+        return 'joint covariance of all parameters'
+    has_own = any(laser.covariance is not None for laser in draft.lasers)
+    return 'covariance of each laser plane' if has_own else 'not known'
+
+
+def _digest(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()[:_HASH_DIGITS]
+    except OSError:
+        return ''

@@ -1,0 +1,164 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The page: tabs and 3-D scene in one viser server, behind a gate."""
+
+from collections.abc import Callable
+from collections.abc import Sequence
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+import io
+from pathlib import Path
+from typing import Any
+
+from ivfmc_ros.errors import NotReadyError
+from ivfmc_ros.window.access import Access
+from ivfmc_ros.window.actions import Actions
+from ivfmc_ros.window.calibrate_tab import CalibrateTab
+from ivfmc_ros.window.gate import Gate
+from ivfmc_ros.window.history_tab import HistoryTab
+from ivfmc_ros.window.scan_tab import ScanTab
+from ivfmc_ros.window.scene_view import DrawnMesh
+from ivfmc_ros.window.scene_view import SceneView
+from ivfmc_ros.window.view_tab import ViewTab
+from ivfmc_ros.window.work_tab import WorkTab
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageSetup:
+    """
+    What a page is made with.
+
+    title : name of the cell
+    scans, pictures : folders of the scans, and of the pictures of the guided calibration
+    lasers : names, in the order of the cell
+    size : (width, height) of the camera's images, pixels
+    recipes : names
+    """
+
+    title: str
+    scans: Path
+    pictures: Path
+    lasers: Sequence[str]
+    size: tuple[int, int]
+    recipes: Sequence[str] = ()
+
+
+class ViewPage:
+    """
+    The 3-D view alone, for files.
+
+    scene : what is drawn; controls : of it
+    """
+
+    def __init__(
+        self, title: str, address: str, port: int, access: Access, log: Callable[[str], object]
+    ) -> None:
+        """
+        Serve a page.
+
+        :raises ParameterError: the address is taken, or not of this computer
+        :raises NotReadyError: viser is not installed
+        """
+        self._server = start_server(title)
+        self.scene = SceneView(self._server)
+        self.build(self._server.gui)
+        try:
+            self._gate = Gate(address, port, self._server.get_port(), access, log)
+        except BaseException:
+            self._server.stop()
+            raise
+
+    def build(self, gui: Any) -> None:
+        """Add the elements beside the scene; a subclass adds more."""
+        self.view_tab = ViewTab(gui, self.scene)
+
+    @property
+    def port(self) -> int:
+        """The port that browsers connect to."""
+        return self._gate.port
+
+    @property
+    def browsers(self) -> int:
+        """The number of browsers that show the page."""
+        return len(self._server.get_clients())
+
+    @property
+    def refused(self) -> int:
+        """The number of requests that were refused."""
+        return self._gate.refused.total()
+
+    def show_mesh(self, mesh: DrawnMesh) -> None:
+        """Draw a mesh, and offer its colors."""
+        self.scene.show_mesh(mesh)
+        self.view_tab.offer_modes()
+
+    def close(self) -> None:
+        """End all connections."""
+        self._gate.stop()
+        with redirect_stdout(io.StringIO()):
+            self._server.stop()
+
+
+class WorkPage(ViewPage):
+    """The whole work window of a cell."""
+
+    def __init__(
+        self,
+        setup: PageSetup,
+        actions: Actions,
+        *,
+        address: str,
+        port: int,
+        access: Access,
+        log: Callable[[str], object],
+    ) -> None:
+        """
+        Serve the page of a cell.
+
+        :raises ParameterError: the address is taken, or not of this computer
+        :raises NotReadyError: viser is not installed
+        """
+        self._setup, self._actions = setup, actions
+        super().__init__(setup.title, address, port, access, log)
+        self.history.refresh()
+
+    def build(self, gui: Any) -> None:
+        """Add all tabs."""
+        tabs = gui.add_tab_group()
+        setup = self._setup
+        with tabs.add_tab('Scan', 'player-play'):
+            self.scan = ScanTab(gui, self._actions, setup.recipes)
+        with tabs.add_tab('Work', 'camera'):
+            self.work = WorkTab(gui, self._actions, setup.lasers, setup.size)
+        with tabs.add_tab('3-D', 'cube'):
+            super().build(gui)
+        with tabs.add_tab('Calibrate', 'ruler-measure'):
+            self.calibrate = CalibrateTab(gui, setup.pictures)
+        with tabs.add_tab('History', 'history'):
+            self.history = HistoryTab(gui, setup.scans, self.show_mesh)
+
+
+def start_server(title: str) -> Any:
+    """
+    Return a viser server on a free port of the loopback interface.
+
+    :raises NotReadyError: viser is not installed
+    """
+    try:
+        import viser
+    except ImportError as error:
+        raise NotReadyError(
+            f"the window needs viser: pip install 'ivfmc_ros[window]' ({error})"
+        ) from error
+    # it prints a banner with a port that is not for browsers
+    with redirect_stdout(io.StringIO()):
+        server = viser.ViserServer('127.0.0.1', 0, label=title, verbose=False)
+    # a browser must not be able to publish the cell on the internet
+    server.request_share_url = lambda *_: None  # type: ignore[method-assign]
+    server.gui.configure_theme(
+        control_layout='fixed',
+        control_width='large',
+        show_logo=False,
+        show_share_button=False,
+    )
+    return server

@@ -1,0 +1,169 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The tab with the camera's picture, the stripe in it, and what can be adjusted."""
+
+from collections.abc import Callable
+from collections.abc import Sequence
+import math
+import threading
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Image
+from ivfmc_ros.window.actions import Actions
+from ivfmc_ros.window.actions import answered
+from ivfmc_ros.window.status_text import STATUS
+from ivfmc_ros.window.stripe_advice import StripeShares
+
+# Greatest side of the picture in the browser, pixels.
+_SIDE = 640
+_QUALITY = 70
+_JOG = math.radians(10.0)
+# A slider that is dragged sends many values; the last one counts after this time, seconds.
+_SETTLE_S = 0.3
+
+
+class WorkTab:
+    """The picture with its stripe, the gray values of one row, exposure, lasers, table."""
+
+    def __init__(self, gui: Any, actions: Actions, lasers: Sequence[str], size: Any) -> None:
+        """
+        Add the elements to the container that is open in ``gui``.
+
+        size : (width, height) of the camera's images
+        """
+        # optional: the page says how to install it
+        from viser import uplot
+
+        self._actions = actions
+        self._shown: Image | None = None
+        self._timers: dict[str, threading.Timer] = {}
+        blank = np.full((round(_SIDE * size[1] / size[0]), _SIDE, 3), 40, dtype=np.uint8)
+        self._picture = gui.add_image(blank, label='Camera', format='jpeg', jpeg_quality=_QUALITY)
+        self._judgement = gui.add_html('<div role="status">no picture yet</div>')
+        self._row = gui.add_slider('Row', 0, size[1] - 1, 1, size[1] // 2)
+        x = np.arange(size[0], dtype=np.float64)
+        self._plot = gui.add_uplot(
+            (x, np.zeros(size[0])),
+            (
+                uplot.Series(label='column'),
+                uplot.Series(label='gray value', stroke='#0072b2', width=1),
+            ),
+            # the default is an axis of time
+            scales={'x': uplot.Scale(time=False, auto=True), 'y': uplot.Scale(auto=True)},
+            title='Gray values of the row',
+            aspect=2.0,
+        )
+        self._row.on_update(lambda _: self._draw_row())
+        self._exposure = self._slider(gui, 'Exposure, ms', ('camera', 'exposure'), 30.0, 1e-3)
+        self._gain = self._slider(gui, 'Gain', ('camera', 'gain'), 20.0, 1.0)
+        self._power = self._slider(gui, 'Laser power', ('turntable', 'laser_power'), 1.0, 1.0)
+        self._manual = []
+        for laser in lasers:
+            button = gui.add_button(f'Laser {laser} on', icon='bulb')
+            button.on_click(self._light(laser))
+            self._manual.append(button)
+        for text, angle in (('Table -10°', -_JOG), ('Table +10°', _JOG)):
+            button = gui.add_button(text, icon='rotate')
+            button.on_click(self._jog(angle))
+            self._manual.append(button)
+
+    def set_values(self, exposure: float, gain: float, power: float) -> None:
+        """Show the present exposure (seconds), gain and laser power (0 to 1)."""
+        values = ((self._exposure, 1e3 * exposure), (self._gain, gain), (self._power, power))
+        for slider, value in values:
+            slider.value = min(max(value, slider.min), slider.max)
+
+    def permit(self, idle: bool) -> None:
+        """Enable what moves or lights by hand: only in an idle cell."""
+        for button in self._manual:
+            button.disabled = not idle
+
+    def show_picture(self, image: Image, shares: StripeShares | None) -> None:
+        """
+        Show a picture.
+
+        image : (height, width) mono or (height, width, 3) BGR, uint8
+        shares : of the stripe in it; None if it was not searched
+        """
+        self._shown = image
+        self._picture.image = _small(image)
+        self._judgement.content = _judgement(shares)
+        self._draw_row()
+
+    def _draw_row(self) -> None:
+        image = self._shown
+        if image is None:
+            return
+        row = min(int(self._row.value), image.shape[0] - 1)
+        gray: Floats = (image if image.ndim == 2 else image.max(axis=2))[row].astype(np.float64)
+        self._plot.data = (np.arange(len(gray), dtype=np.float64), gray)
+
+    def _slider(
+        self, gui: Any, label: str, target: tuple[str, str], high: float, unit: float
+    ) -> Any:
+        slider = gui.add_slider(label, 0.0 if unit == 1.0 else 0.1, high, 0.1 * unit**0, 1.0)
+
+        def settle(event: Any) -> None:
+            value = float(slider.value) * unit
+            # a value that the program sets comes without a client
+            if event.client is None:
+                return
+            earlier = self._timers.get(label)
+            if earlier is not None:
+                earlier.cancel()
+            timer = threading.Timer(
+                _SETTLE_S,
+                lambda: answered(event, lambda: self._actions.set_value(*target, value), ''),
+            )
+            timer.daemon = True
+            self._timers[label] = timer
+            timer.start()
+
+        slider.on_update(settle)
+        return slider
+
+    def _light(self, laser: str) -> Callable[[Any], None]:
+        def on_click(event: Any) -> None:
+            answered(event, lambda: self._actions.light(laser, True), f'Laser {laser} is on')
+
+        return on_click
+
+    def _jog(self, angle: float) -> Callable[[Any], None]:
+        def on_click(event: Any) -> None:
+            answered(event, lambda: self._actions.jog(angle), '')
+
+        return on_click
+
+
+def _small(image: Image) -> Image:
+    """Return an 8-bit RGB copy that fits the page."""
+    scale = _SIDE / max(image.shape[:2])
+    size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
+    small: Any = cv2.resize(image, size, interpolation=cv2.INTER_AREA) if scale < 1.0 else image
+    code = cv2.COLOR_GRAY2RGB if small.ndim == 2 else cv2.COLOR_BGR2RGB
+    rgb: Any = cv2.cvtColor(small, code)
+    return np.asarray(rgb, dtype=np.uint8)
+
+
+def _judgement(shares: StripeShares | None) -> str:
+    if shares is None:
+        return _block('camera picture; no stripe is searched in it')
+    parts = f'{shares.rows} rows: ' + ', '.join(
+        f'{value:.0%} {name}'
+        for name, value in (
+            ('saturated', shares.saturated),
+            ('weak', shares.weak),
+            ('missing', shares.missing),
+            ('uncertain', shares.uncertain),
+        )
+    )
+    advice = shares.advice or 'the stripe is good'
+    return _block(f'<b>{advice}</b><br><small>{parts}</small>')
+
+
+def _block(content: str) -> str:
+    return f'<div {STATUS} style="padding:0 0.6em">{content}</div>'

@@ -1,0 +1,127 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The work window of a simulated cell, used in a browser as a person does."""
+
+import os
+from pathlib import Path
+import signal
+import time
+
+import pytest
+from rcl_interfaces.srv import GetParameters
+from support.browser import browser
+from support.browser import open_page
+from support.small_cell import small_cell_options
+
+# Screenshots, to be looked at.
+SHOTS = Path(__file__).resolve().parents[2] / 'build' / 'window'
+PORT = 8188
+ADDRESS = f'http://127.0.0.1:{PORT}'
+
+
+@pytest.fixture(scope='module')
+def cell(start_shared, tmp_path_factory):
+    options = small_cell_options(tmp_path_factory.mktemp('small'))
+    yield start_shared(*options, '--window', '--set', f'window.port={PORT}')
+
+
+@pytest.fixture
+def page(cell, client):
+    SHOTS.mkdir(parents=True, exist_ok=True)
+    with browser() as (page,):
+        open_page(page, ADDRESS)
+        button(page, 'Start scan').wait_for(timeout=60_000)
+        client.until(lambda: 'connected' in client.diagnostic('turntable'), 60.0, cell.log())
+        yield page
+        assert page.errors == []
+    if client.status and not value(client, 'result'):
+        client.trigger('cancel')
+
+
+def button(page, name):
+    return page.get_by_role('button', name=name)
+
+
+def tab(page, name):
+    # the 3-D view is drawn by the processor here, so that a click takes long
+    page.get_by_role('tab', name=name).click(timeout=60_000)
+
+
+def value(client, key):
+    return {item.key: item.value for item in client.status[-1].values}[key]
+
+
+def shows(page, text, seconds=60.0):
+    page.get_by_text(text).first.wait_for(timeout=1000 * seconds)
+
+
+def fill(page, name, text):
+    page.get_by_label(name, exact=True).first.fill(text)
+
+
+def start_scan(page, client, profiles):
+    fill(page, 'Profiles', str(profiles))
+    before = value(client, 'scan_id')
+    button(page, 'Start scan').click(timeout=60_000)
+    client.until(lambda: value(client, 'scan_id') != before, 30.0, 'no scan was started')
+
+
+def test_scan_is_started_followed_and_cancelled(page, client, cell):
+    client.until(lambda: client.status, 60.0, cell.log())
+    start_scan(page, client, 60)
+    shows(page, 'scanning:')
+    client.until(lambda: int(value(client, 'profiles_done') or 0) > 20, 60.0, cell.log())
+    page.screenshot(path=SHOTS / 'scanning.png')
+    tab(page, 'Work')
+    shows(page, 'rows:')
+    page.screenshot(path=SHOTS / 'work.png')
+    tab(page, 'Scan')
+    button(page, 'Cancel').click(timeout=60_000)
+    client.until(lambda: value(client, 'code') == 'CANCELLED', 10.0, cell.log())
+    shows(page, 'CANCELLED')
+    # what one caller set is not left for the next one
+    request = GetParameters.Request(names=['profiles'])
+    answer = client.call(GetParameters, 'orchestrator/get_parameters', request)
+    assert answer.values[0].integer_value != 60
+
+
+@pytest.mark.slow
+def test_scan_is_paused_and_resumed_and_ends_with_a_mesh(page, client, cell):
+    start_scan(page, client, 60)
+    shows(page, 'scanning:')
+    client.until(lambda: int(value(client, 'profiles_done') or 0) > 5, 60.0, cell.log())
+    button(page, 'Pause').click(timeout=60_000)
+    shows(page, 'paused, laser off', 90.0)
+    button(page, 'Resume').click(timeout=60_000)
+    client.until(lambda: value(client, 'stage') == 'DONE', 180.0, cell.log())
+    shows(page, 'done')
+    page.wait_for_timeout(5000)
+    page.screenshot(path=SHOTS / 'done.png')
+    tab(page, 'History')
+    button(page, 'List again').click(timeout=60_000)
+    page.screenshot(path=SHOTS / 'history.png')
+
+
+@pytest.mark.slow
+def test_camera_that_is_killed_is_shown_within_three_seconds(page, client, cell):
+    start_scan(page, client, 200)
+    client.until(lambda: int(value(client, 'profiles_done') or 0) > 5, 60.0, cell.log())
+    os.kill(cell.id_of('camera'), signal.SIGKILL)
+    begin = time.monotonic()
+    shows(page, 'CAMERA_LOST', 10.0)
+    assert time.monotonic() - begin < 3.0
+    page.screenshot(path=SHOTS / 'camera_lost.png')
+
+
+@pytest.mark.slow
+def test_window_that_is_killed_costs_no_profile_and_comes_back(page, client, cell):
+    client.until(lambda: 'publishing' in client.diagnostic('camera'), 60.0, cell.log())
+    start_scan(page, client, 60)
+    client.until(lambda: int(value(client, 'profiles_done') or 0) > 5, 60.0, cell.log())
+    os.kill(cell.id_of('window'), signal.SIGKILL)
+    client.until(lambda: value(client, 'stage') in ('DONE', 'FAILED'), 180.0, cell.log())
+    assert value(client, 'code') == 'OK'
+    open_page(page, ADDRESS)
+    shows(page, 'done')
+    # the connection to the window that died
+    page.errors.clear()

@@ -1,0 +1,59 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+import hashlib
+
+import pytest
+
+from ivfmc_ros.cell.cell_file import save_cell
+from ivfmc_ros.scan import scan_folder
+from ivfmc_ros.scan.title_block import title_block
+from ivfmc_ros.scan.title_block import without_folder
+from ivfmc_ros.simulation.bench import bench_cell
+
+
+@pytest.fixture
+def folder(tmp_path):
+    folder = tmp_path / '20261127T145851Z_bracket'
+    folder.mkdir()
+    return folder
+
+
+def test_block_says_what_was_measured_when_and_how(folder):
+    save_cell(folder / 'cell.yaml', bench_cell())
+    scan_folder.save_parameters(folder, {'part': 'bracket'})
+    request = {'part': 'bracket', 'recipe': 'bracket_rough'}
+    scan_folder.save_job(folder, {'stage': 'DONE', 'code': 'OK', 'request': request})
+    block = title_block(folder)
+    assert block['part'] == 'bracket'
+    assert block['recipe'] == 'bracket_rough'
+    assert block['time (UTC)'] == '2026-11-27 14:58:51'
+    assert block['lasers'] == 'left, right'
+    assert block['calibration uncertainty'] == 'not known'
+    digest = hashlib.sha256((folder / 'params.yaml').read_bytes()).hexdigest()
+    assert digest.startswith(block['settings (SHA-256)'])
+    # to be signed
+    assert block['operator'] == ''
+
+
+def test_folder_without_its_files_has_what_its_name_says(folder):
+    (folder / 'cell.yaml').write_text('no: cell')
+    block = title_block(folder)
+    assert set(block) == {'scan', 'time (UTC)', 'software', 'operator'}
+
+
+def test_paths_of_the_scan_become_names(folder):
+    (folder / 'mesh.stl').touch()
+    figures = {
+        'paths': {'stl': f'{folder}/mesh.stl'},
+        'detail': f'{folder}/scan.mcap: is damaged',
+        'list': [str(folder), 3, None],
+        'moved': '/elsewhere/20261127T145851Z_bracket/mesh.stl',
+        'ratio': '1/2',
+    }
+    assert without_folder(figures, folder) == {
+        'paths': {'stl': 'mesh.stl'},
+        'detail': 'scan.mcap: is damaged',
+        'list': ['20261127T145851Z_bracket', 3, None],
+        'moved': 'mesh.stl',
+        'ratio': '1/2',
+    }
