@@ -13,6 +13,7 @@ from ivfmc_ros.cli.support.progress import progress_bars
 from ivfmc_ros.cli.support.reconstruction_options import reconstruction_options
 from ivfmc_ros.cli.support.reconstruction_options import settings_of
 from ivfmc_ros.cli.support.source import bag_of
+from ivfmc_ros.cli.support.source import bag_options_of
 from ivfmc_ros.cli.support.source import BagOptions
 from ivfmc_ros.cli.support.source import read_scan
 from ivfmc_ros.cli.support.source import source_options
@@ -43,7 +44,7 @@ def merge(
     settings = settings_of(options)
     require_several(sources)
     files.require_new_folder(output)
-    reading = BagOptions.of(options['roles'], options['salvage'], options['exposures'])
+    reading = bag_options_of(options)
     clampings = [_clamping(source, root, cell_path, settings, reading) for source in sources]
     with progress_bars() as progress:
         made = reconstruct_clampings(clampings, settings, progress)

@@ -19,7 +19,7 @@ from ivfmc_ros.cli.support.progress import progress_bars
 from ivfmc_ros.cli.support.reconstruction_options import reconstruction_options
 from ivfmc_ros.cli.support.reconstruction_options import settings_of
 from ivfmc_ros.cli.support.source import bag_of
-from ivfmc_ros.cli.support.source import BagOptions
+from ivfmc_ros.cli.support.source import bag_options_of
 from ivfmc_ros.cli.support.source import read_scan
 from ivfmc_ros.cli.support.source import source_options
 from ivfmc_ros.errors import HelperError
@@ -79,7 +79,7 @@ def reconstruct(
     kept, and one that fails does not end the others.
     """
     settings = settings_of(options)
-    reading = BagOptions.of(options['roles'], options['salvage'], options['exposures'])
+    reading = bag_options_of(options)
     if len(sources) > 1 or jobs > 1 or dask:
         made_jobs = make_jobs(
             sources,

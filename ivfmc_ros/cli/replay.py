@@ -29,13 +29,15 @@ from ivfmc_ros.cli.support.progress import progress_bars
 from ivfmc_ros.cli.support.source import bag_options
 from ivfmc_ros.cli.support.source import BagOptions
 from ivfmc_ros.cli.support.source import read_bag
+from ivfmc_ros.errors import BagError
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.scan.request import MOTIONS
 from ivfmc_ros.scan.scan_folder import load_parameters
 from ivfmc_ros.storage.bag.reader import Bag
 from ivfmc_ros.storage.bag.topics import ScanTopics
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
-from ivfmc_ros.storage.scans.scan_bag import recorded_profile_headers
+from ivfmc_ros.storage.scans.scan_messages import is_transforms
+from ivfmc_ros.storage.scans.scan_messages import recorded_profile_headers
 
 _PATH = click.Path(path_type=Path)
 _REGISTER_S = 1800.0
@@ -75,6 +77,11 @@ def replay(bag: Path, namespace: str, **options: Any) -> None:
     if output is not None:
         files.require_new_folder(output)
     opened, roles = read_bag(bag, BagOptions.of(options['roles'], options['salvage']))
+    if is_transforms(roles.joint_states):
+        raise BagError(
+            f'{bag}: has transforms and no joint_states, which the nodes need; '
+            '`ivfmc reconstruct` reads it'
+        )
     tracks = _tracks(opened, roles, options['others'])
     # the views of a recorded scan, and nothing else, are its views again
     profile = None if options['motion'] else roles.profile

@@ -27,7 +27,7 @@ from ivfmc_ros.simulation.live.folder import LiveFolder
 from ivfmc_ros.simulation.live.truth import TruthReader
 from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.messages.point_clouds import to_structured_array
-from ivfmc_ros.storage.scans.scan_bag import recorded_profile_headers
+from ivfmc_ros.storage.scans.scan_messages import recorded_profile_headers
 from support.cell_rig import Cell
 from support.cell_rig import gone
 from support.graph_rig import Client

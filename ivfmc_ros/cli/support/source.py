@@ -72,6 +72,18 @@ _OPTIONS = (
         help='Pictures of different exposure times at each table angle that make one profile '
         '(default: as the scan was taken).',
     ),
+    click.option(
+        '--received',
+        is_flag=True,
+        help='Use the times at which messages were recorded, where their stamps are zero or of '
+        'clocks that differ.',
+    ),
+    click.option(
+        '--table-frame',
+        default='turntable',
+        show_default=True,
+        help='Frame that turns with the table, where the bag has tf and no joint_states.',
+    ),
     scans_option,
     *_BAG_OPTIONS,
 )
@@ -99,16 +111,20 @@ class BagOptions:
     roles : topic by role, where it is not found by its name
     salvage : accept damaged bags
     exposures : images at each table angle that make one profile; None: as the scan was taken
+    received : use the times of recording instead of the stamps
+    table_frame : frame that turns with the table, where the bag has tf and no joint_states
     """
 
     roles: Mapping[str, str] = field(default_factory=dict)
     salvage: bool = False
     exposures: int | None = None
+    received: bool = False
+    table_frame: str = 'turntable'
 
     @classmethod
-    def of(cls, roles: Sequence[str], salvage: bool, exposures: int | None = None) -> 'BagOptions':
+    def of(cls, roles: Sequence[str], salvage: bool, **others: Any) -> 'BagOptions':
         """
-        Return the values of ``bag_options``.
+        Return the values of ``bag_options``; ``others`` are further fields.
 
         :raises ParameterError: a role has no topic
         """
@@ -118,7 +134,19 @@ class BagOptions:
             if not (equals and name and value):
                 raise ParameterError(f'--role {item!r}: must be ROLE=TOPIC')
             found[name] = value
-        return cls(roles=found, salvage=salvage, exposures=exposures)
+        return cls(roles=found, salvage=salvage, **others)
+
+
+def bag_options_of(options: Mapping[str, Any]) -> BagOptions:
+    """
+    Return the values of ``source_options`` that say how bags are read.
+
+    :raises ParameterError: a role has no topic
+    """
+    names = ('exposures', 'received', 'table_frame')
+    return BagOptions.of(
+        options['roles'], options['salvage'], **{name: options[name] for name in names}
+    )
 
 
 def bag_of(source: str) -> Path | None:
@@ -172,6 +200,8 @@ def read_scan(
             exposures=options.exposures or int(parameters.get('exposures', 1)),
         ),
         salvage=options.salvage,
+        received=options.received,
+        table_frame=options.table_frame,
     )
     _warn(scan.remarks)
     return scan, draft.complete(scan.camera, str(cell_file))

@@ -15,6 +15,7 @@ from ivfmc_ros.storage.messages.sensor_messages import COMPRESSED_IMAGE
 from ivfmc_ros.storage.messages.sensor_messages import IMAGE
 from ivfmc_ros.storage.messages.sensor_messages import JOINT_STATE
 from ivfmc_ros.storage.messages.sensor_messages import POINT_CLOUD
+from ivfmc_ros.storage.messages.sensor_messages import TF_MESSAGE
 from ivfmc_ros.validation import require_one_of
 
 # Role of a topic -> ends of its name, with the type of each. Topics of an earlier group are
@@ -26,7 +27,8 @@ _ROLES: dict[str, tuple[dict[str, str], ...]] = {
         {'image_color': IMAGE, 'image_color/compressed': COMPRESSED_IMAGE},
     ),
     'camera_info': ({'camera_info': CAMERA_INFO},),
-    'joint_states': ({'joint_states': JOINT_STATE},),
+    # transforms of the table, where the joint itself was not recorded
+    'joint_states': ({'joint_states': JOINT_STATE}, {'tf': TF_MESSAGE}),
     'laser_states': ({'laser_states': JOINT_STATE},),
     'profile': ({'profile': POINT_CLOUD},),
 }
@@ -39,6 +41,7 @@ class ScanTopics:
     """
     The topics of a scan, by role; None where the bag has no such topic.
 
+    joint_states : of JointState, or of TFMessage where the bag has only transforms
     profile : profiles that were extracted from the images during the recording
     """
 

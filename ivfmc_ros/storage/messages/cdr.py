@@ -7,6 +7,7 @@ Messages are written by the definitions of ROS 2 Jazzy and read by the definitio
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 import struct
 from typing import Any
@@ -92,6 +93,13 @@ def stamp_ns(message: Any) -> int:
     """Return the stamp of a message's header in nanoseconds."""
     stamp = message.header.stamp
     return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+
+
+def restamped(message: Any, stamp_ns: int) -> Any:
+    """Return a message, which begins with a header, with another stamp in nanoseconds."""
+    seconds, nanoseconds = divmod(stamp_ns, NANOSECONDS)
+    stamp = replace(message.header.stamp, sec=seconds, nanosec=nanoseconds)
+    return replace(message, header=replace(message.header, stamp=stamp))
 
 
 def leading_stamp_ns(data: bytes) -> int:

@@ -17,6 +17,7 @@ COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 POINT_CLOUD = 'sensor_msgs/msg/PointCloud2'
+TF_MESSAGE = 'tf2_msgs/msg/TFMessage'
 
 CAMERA_FRAME = 'camera_optical_frame'
 

@@ -3,7 +3,6 @@
 """Reads a bag as a scan: frames, which are images with their table angle, laser and view."""
 
 from collections import Counter
-from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Mapping
 from collections.abc import Sequence
@@ -18,7 +17,6 @@ from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.errors import BagError
 from ivfmc_ros.errors import CellError
 from ivfmc_ros.errors import FileError
-from ivfmc_ros.errors import MessageError
 from ivfmc_ros.model import Frame
 from ivfmc_ros.model import Image
 from ivfmc_ros.storage.bag.reader import Bag
@@ -37,9 +35,12 @@ from ivfmc_ros.storage.messages.camera_info import to_camera
 from ivfmc_ros.storage.messages.image_decoding import decode_compressed
 from ivfmc_ros.storage.messages.image_decoding import decode_image
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
-from ivfmc_ros.storage.messages.profile_header import read_profile_header
 from ivfmc_ros.storage.messages.rectified import require_raw_images
 from ivfmc_ros.storage.messages.sensor_messages import COMPRESSED_IMAGE
+from ivfmc_ros.storage.scans.scan_messages import is_transforms
+from ivfmc_ros.storage.scans.scan_messages import read_messages
+from ivfmc_ros.storage.scans.scan_messages import RECEIVED_REMARK
+from ivfmc_ros.storage.scans.scan_messages import states_of_transforms
 
 # Seconds by which stamps of images and joint states may differ: more than any delay of one clock.
 MAX_CLOCK_OFFSET_S = 2.0
@@ -55,6 +56,7 @@ class ScanBag:
     damage : description of the damage of a bag that was opened for salvage, or None
     matches : one for each image, by stamp
     remarks : what was missing, damaged or contradictory and did not prevent reading
+    received : the stamps are the times at which the messages were recorded
     """
 
     path: Path
@@ -65,6 +67,7 @@ class ScanBag:
     topics: ScanTopics
     matches: tuple[FrameMatch, ...]
     remarks: tuple[str, ...] = ()
+    received: bool = False
 
     @property
     def frame_count(self) -> int:
@@ -123,13 +126,14 @@ class ScanBag:
         waiting: list[tuple[int, int, RawMessage, Any]] = []
         for raw in self.bag.messages([self.topics.image.name]):
             message = decode(raw)
-            heapq.heappush(waiting, (cdr.stamp_ns(message), raw.index, raw, message))
+            stamp_ns = raw.log_time_ns if self.received else cdr.stamp_ns(message)
+            heapq.heappush(waiting, (stamp_ns, raw.index, raw, message))
             while waiting and waiting[0][0] == following:
                 yield heapq.heappop(waiting)[2:]
                 following = next(stamps, None)
 
 
-def open_scan(
+def open_scan(  # noqa: PLR0913 - one argument for each thing that a foreign bag may lack
     path: Path,
     *,
     joint: str = 'turntable_joint',
@@ -139,6 +143,8 @@ def open_scan(
     matching: MatchSettings | None = None,
     taken: MatchSettings | None = None,
     salvage: bool = False,
+    received: bool = False,
+    table_frame: str = 'turntable',
 ) -> ScanBag:
     """
     Open a bag as a scan. The whole bag is read once, so damage is found before any processing.
@@ -154,18 +160,23 @@ def open_scan(
         the same views, where the bag has profiles
     taken : how the images were taken (dark frames, several exposures), without ``matching``
     salvage : accept a damaged bag
+    received : take the times at which the messages were recorded for their stamps, where these
+        are zero or of clocks that differ; profiles of the recording are not used then
+    table_frame : child frame of the transforms of the table, where there are no joint_states
     :raises BagError: the bag is damaged, lacks a topic, or has no table angle at the stamp of an
         image
     :raises CellError: the images are rectified, and the camera has the distortion of the raw ones
     """
     bag = open_bag(path, salvage=salvage)
     scan_topics = find_scan_topics(bag, topics)
-    messages = _read_messages(bag, scan_topics)
+    messages = read_messages(bag, scan_topics, received=received)
     stamps = _image_stamps(messages, f'{path}: {scan_topics.image.name}')
     where = f'{path}: {scan_topics.joint_states.name}'
     positions = [message for message, _ in messages['joint_states']]
+    if is_transforms(scan_topics.joint_states):
+        positions = states_of_transforms(positions, table_frame, joint, where)
     joint_history = JointHistory.from_messages(positions, joint, where)
-    ahead_s = _clock_offset_s(messages)
+    ahead_s = 0.0 if received else _clock_offset_s(messages)
     _require_angles(joint_history, [] if salvage else stamps, where, ahead_s)
     matcher = FrameMatcher(
         lasers,
@@ -177,7 +188,7 @@ def open_scan(
         laser_history=_laser_history(bag, scan_topics, messages, lasers),
     )
     matches = _match(matcher, stamps)
-    if matching is None:
+    if matching is None and not received:
         matches = _as_recorded_profiles(matches, messages['profile'])
     return ScanBag(
         path=path,
@@ -187,48 +198,13 @@ def open_scan(
         bag=bag,
         topics=scan_topics,
         matches=tuple(matches),
-        remarks=(*bag.remarks, *_table_remarks(joint_history.remarks(joint), ahead_s, where)),
+        remarks=(
+            *bag.remarks,
+            *_table_remarks(joint_history.remarks(joint), ahead_s, where),
+            *([RECEIVED_REMARK.format(path=path)] if received else []),
+        ),
+        received=received,
     )
-
-
-def recorded_profile_headers(bag: Bag, topic: str) -> dict[int, ProfileHeader]:
-    """Return the headers of the recorded profiles by stamp; clouds of other types are ignored."""
-    decode = bag.decoder(topic)
-    headers = (_profile_header(decode(raw)) for raw in bag.messages([topic]))
-    return {header.stamp_ns: header for header in headers if header is not None}
-
-
-def _profile_header(message: Any) -> ProfileHeader | None:
-    try:
-        return read_profile_header(message)
-    except MessageError:
-        # another program's cloud on a topic of that name
-        return None
-
-
-# What is stored of the messages of a role; the whole message by default. The time at which a
-# message was recorded is stored beside the stamp where clocks are compared.
-_REDUCTIONS: Mapping[str, Callable[[Any, RawMessage], Any]] = {
-    'image': lambda message, raw: (cdr.stamp_ns(message), raw.log_time_ns),
-    'joint_states': lambda message, raw: (message, raw.log_time_ns),
-    'profile': lambda message, _: _profile_header(message),
-}
-
-
-def _read_messages(bag: Bag, topics: ScanTopics) -> dict[str, list[Any]]:
-    """Return all messages by role; of images the stamps, of profiles the headers."""
-    names = {role: topic.name for role, topic in vars(topics).items() if topic is not None}
-    decoders = {name: bag.decoder(name) for name in names.values()}
-    role_of = {name: role for role, name in names.items()}
-    messages: dict[str, list[Any]] = {role: [] for role in vars(topics)}
-    for raw in bag.messages(role_of.keys()):
-        role = role_of[raw.topic]
-        if role == 'camera_info' and messages[role]:
-            continue
-        message = decoders[raw.topic](raw)
-        reduce = _REDUCTIONS.get(role)
-        messages[role].append(reduce(message, raw) if reduce else message)
-    return messages
 
 
 def _match(matcher: FrameMatcher, stamps_ns: Sequence[int]) -> list[FrameMatch]:
@@ -249,7 +225,11 @@ def _count_skipped(matches: Sequence[FrameMatch], where: str) -> dict[str, int]:
 def _clock_offset_s(messages: Mapping[str, list[Any]]) -> float:
     """Return by how much the stamps of images are ahead of those of joint_states, seconds."""
     images = [stamp_ns - time_ns for stamp_ns, time_ns in messages['image']]
-    table = [cdr.stamp_ns(message) - time_ns for message, time_ns in messages['joint_states']]
+    table = [
+        cdr.stamp_ns(message) - time_ns
+        for message, time_ns in messages['joint_states']
+        if hasattr(message, 'header')
+    ]
     if not images or not table:
         return 0.0
     return float(median(images) - median(table)) / cdr.NANOSECONDS
