@@ -68,7 +68,7 @@ def start_scan(page, client, profiles):
 
 def test_scan_is_started_followed_and_cancelled(page, client, cell):
     client.until(lambda: client.status, 60.0, cell.log())
-    start_scan(page, client, 60)
+    start_scan(page, client, 100)
     shows(page, 'scanning:')
     client.until(lambda: int(value(client, 'profiles_done') or 0) > 20, 60.0, cell.log())
     page.screenshot(path=SHOTS / 'scanning.png')
@@ -82,12 +82,12 @@ def test_scan_is_started_followed_and_cancelled(page, client, cell):
     # what one caller set is not left for the next one
     request = GetParameters.Request(names=['profiles'])
     answer = client.call(GetParameters, 'orchestrator/get_parameters', request)
-    assert answer.values[0].integer_value != 60
+    assert answer.values[0].integer_value != 100
 
 
 @pytest.mark.slow
 def test_scan_is_paused_and_resumed_and_ends_with_a_mesh(page, client, cell):
-    start_scan(page, client, 60)
+    start_scan(page, client, 100)
     shows(page, 'scanning:')
     client.until(lambda: int(value(client, 'profiles_done') or 0) > 5, 60.0, cell.log())
     button(page, 'Pause').click(timeout=60_000)
@@ -116,7 +116,7 @@ def test_camera_that_is_killed_is_shown_within_three_seconds(page, client, cell)
 @pytest.mark.slow
 def test_window_that_is_killed_costs_no_profile_and_comes_back(page, client, cell):
     client.until(lambda: 'publishing' in client.diagnostic('camera'), 60.0, cell.log())
-    start_scan(page, client, 60)
+    start_scan(page, client, 100)
     client.until(lambda: int(value(client, 'profiles_done') or 0) > 5, 60.0, cell.log())
     os.kill(cell.id_of('window'), signal.SIGKILL)
     client.until(lambda: value(client, 'stage') in ('DONE', 'FAILED'), 180.0, cell.log())

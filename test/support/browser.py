@@ -12,7 +12,8 @@ import pytest
 
 # WebGL by the processor, and no sandbox, which root cannot have.
 _OPTIONS = ('--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader')
-_SIZE = {'width': 1280, 'height': 900}
+# Small: each pixel of the 3-D view costs the processor, which the cell needs too.
+_SIZE = {'width': 900, 'height': 600}
 
 
 @contextmanager
