@@ -378,6 +378,7 @@ class Triangulator(CellNode):
             part_cut=self._volume.advice,
             laser_stuck=self._laser_check.stuck,
             dark_images_checked=self._laser_check.checked,
+            dark_since_stamp=self._laser_check.dark_ns,
             table_fault=self._stamps.table_fault,
             # matched ones: what is published before is lost to a subscription that joins
             profile_subscriptions=self._profiles.get_subscription_count(),

@@ -28,10 +28,9 @@ _MAX_REMAINING = 0.2
 _BESIDE_PX = 20
 # Table angles that differ by less, radians, show the stripe at the same pixels.
 _SAME_ANGLE = 2e-3
-# Images in a row that show the beam: the first after the switch may overlap with it.
-_CONFIRMATIONS = 2
-# Dark images after a lit one that are compared: decoding a compressed one takes 10 ms.
-_ENOUGH = 5
+# Seconds for which images have to show the beam. Stamps may be late: with a driver that stamps the
+# arrival, or a clock that is some tenths of a second ahead, images from before the switch seem dark.
+_STUCK_AFTER_S = 1.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -47,36 +46,37 @@ class StuckBeamCheck:
 
     stuck : index of a laser that shines although it is reported off; None if none does
     checked : images that were taken with all lasers off and could be compared
+    dark_ns : stamp of the last image, taken with all lasers off, that shows no beam or cannot be
+        compared; 0 before the first
     """
 
     def __init__(self) -> None:
         self.stuck: int | None = None
         self.checked = 0
+        self.dark_ns = 0
         self._lit: dict[int, _LitImage] = {}
-        self._in_a_row = self._since_lit = 0
+        # since when images show the beam, nanoseconds
+        self._shining_ns: int | None = None
 
     def add_lit(self, frame: Frame, profile: Profile) -> None:
         """Keep the last image of a laser in which the stripe was found."""
-        self._in_a_row = self._since_lit = 0
+        self._shining_ns = None
         if len(profile) >= _MIN_POINTS:
             lit = _LitImage(image=frame.image, uv=profile.uv, angle=frame.angle)
             self._lit[frame.laser] = lit
 
-    def wants(self, angle: float) -> bool:
-        """
-        Return whether an image at this table angle (radians) is to be compared.
+    @property
+    def has_lit(self) -> bool:
+        """Whether there is an image to compare with."""
+        return bool(self._lit)
 
-        A few after each lit image are; more of them only while they show the beam.
-        """
-        is_open = self._since_lit < _ENOUGH or self._in_a_row > 0
-        return is_open and any(_is_same(lit.angle, angle) for lit in self._lit.values())
-
-    def add_dark(self, image: Image, angle: float) -> None:
+    def add_dark(self, image: Image, angle: float, stamp_ns: int) -> None:
         """
         Judge an image that was exposed with all lasers reported off.
 
         image : (height, width) or (height, width, 3), of the type of the lit images
-        angle : of the table, radians
+        angle : of the table, radians; NaN where it is not known
+        stamp_ns : start of exposure, nanoseconds
         """
         ratios = {
             laser: remaining_light(lit.image, image, lit.uv)
@@ -84,16 +84,16 @@ class StuckBeamCheck:
             if _is_same(lit.angle, angle) and lit.image.shape == image.shape
         }
         known = {laser: ratio for laser, ratio in ratios.items() if math.isfinite(ratio)}
-        if not known:
+        self.checked += bool(known)
+        brightest = max(known, key=lambda laser: known[laser], default=None)
+        if brightest is None or known[brightest] < _MAX_REMAINING:
+            self._shining_ns, self.dark_ns = None, stamp_ns
+            if known:
+                self.stuck = None
             return
-        self.checked += 1
-        self._since_lit += 1
-        brightest = max(known, key=lambda laser: known[laser])
-        if known[brightest] < _MAX_REMAINING:
-            self._in_a_row, self.stuck = 0, None
-            return
-        self._in_a_row += 1
-        if self._in_a_row >= _CONFIRMATIONS:
+        if self._shining_ns is None:
+            self._shining_ns = stamp_ns
+        if stamp_ns - self._shining_ns >= _STUCK_AFTER_S * 1e9:
             self.stuck = brightest
 
 
@@ -136,4 +136,6 @@ def _excess(image: Image, uv: Floats) -> float:
 
 
 def _is_same(first: float, second: float) -> bool:
-    return abs(math.remainder(first - second, 2.0 * math.pi)) < _SAME_ANGLE
+    return (
+        math.isfinite(second) and abs(math.remainder(first - second, 2.0 * math.pi)) < _SAME_ANGLE
+    )

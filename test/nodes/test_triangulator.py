@@ -56,9 +56,9 @@ def test_laser_that_shines_although_it_is_off_is_reported(client, inputs, cell_f
     with running('triangulator', cell=str(cell_file)):
         inputs.wait()
         feed(inputs, frames[:20], found=found)
-        feed(inputs, [last] * 3, first=20)
+        feed(inputs, [last] * 12, first=20)
         client.until(lambda: 'shines in the images' in client.diagnostic('triangulator'))
-        feed(inputs, [dark] * 2, first=23)
+        feed(inputs, [dark] * 2, first=32)
         client.until(lambda: 'shines in the images' not in client.diagnostic('triangulator'))
         # no image with the lasers off is a profile
         assert len(found) == 20

@@ -38,14 +38,14 @@ def profile_of(rows=HEIGHT, angle=0.5, laser=0):
     )
 
 
-def check_after(profile, *dark, angle=0.5, peak=100.0, **light):
+def check_after(profile, *dark, angle=0.5, peak=100.0, period=0.6, **light):
     check = StuckBeamCheck()
     frame = Frame(
         image=image_of(peak, 1, **light), stamp_ns=0, angle=profile.angle, laser=profile.laser
     )
     check.add_lit(frame, profile)
-    for image in dark:
-        check.add_dark(image, angle)
+    for number, image in enumerate(dark, start=1):
+        check.add_dark(image, angle, round(number * period * 1e9))
     return check
 
 
@@ -58,28 +58,39 @@ def test_laser_that_is_off_is_not_stuck(edge):
 
 
 @pytest.mark.parametrize('peak', [100.0, 40.0])
-def test_laser_that_shines_on_is_stuck(peak):
-    check = check_after(profile_of(laser=1), image_of(peak, 2), image_of(peak, 3))
+def test_laser_that_shines_on_for_a_second_is_stuck(peak):
+    shining = [image_of(peak, seed) for seed in (2, 3, 4)]
+    check = check_after(profile_of(laser=1), *shining)
     assert check.stuck == 1
+    assert check.dark_ns == 0
 
 
-def test_first_image_after_the_switch_may_overlap_with_it():
-    check = check_after(profile_of(), image_of(100.0, 2), image_of(0.0, 3), image_of(0.0, 4))
+def test_images_that_are_stamped_late_show_the_beam_for_some_time():
+    shining = [image_of(100.0, seed) for seed in range(2, 10)]
+    check = check_after(profile_of(), *shining, image_of(0.0, 11), period=0.1)
     assert check.stuck is None
+    assert check.dark_ns == 900_000_000
 
 
 def test_laser_that_is_repaired_is_not_stuck_any_more():
-    shining = [image_of(100.0, seed) for seed in (2, 3)]
-    check = check_after(profile_of(), *shining, image_of(0.0, 4))
+    shining = [image_of(100.0, seed) for seed in (2, 3, 4)]
+    check = check_after(profile_of(), *shining, image_of(0.0, 5))
     assert check.stuck is None
 
 
-def test_image_of_another_angle_is_not_compared():
-    check = check_after(profile_of(), image_of(100.0, 2), image_of(100.0, 3), angle=0.6)
+@pytest.mark.parametrize('angle', [0.6, math.nan])
+def test_image_of_another_angle_is_not_compared(angle):
+    shining = [image_of(100.0, seed) for seed in (2, 3, 4)]
+    check = check_after(profile_of(), *shining, angle=angle)
     assert check.stuck is None
     assert check.checked == 0
-    assert not check.wants(0.6)
-    assert check.wants(0.5 + 2 * math.pi)
+    # what cannot be judged delays no scan
+    assert check.dark_ns > 0
+
+
+def test_angle_is_compared_without_whole_turns():
+    shining = [image_of(100.0, seed) for seed in (2, 3, 4)]
+    assert check_after(profile_of(), *shining, angle=0.5 + 2 * math.pi).stuck == 0
 
 
 @pytest.mark.parametrize(('rows', 'peak'), [(10, 100.0), (HEIGHT, 1.0)])

@@ -24,8 +24,9 @@ _MOTION_TIME_TOLERANCE = 0.3
 _MAX_CONTRADICTIONS = 3
 # On a busy computer the driver learns late that a motion has begun, and the whole motion seems
 # early or late by one time. Two reports in a row that agree on it within this, seconds, shift the
-# plan, once a motion and by a limited time; a motion at another speed disagrees again.
-_SHIFT_TOLERANCE, _MAX_SHIFT = 0.05, 2.0
+# plan: once a motion, in its first seconds and by a limited time. A motion at another speed
+# disagrees again; what is late later was held up on its way, and its positions were wrong.
+_SHIFT_TOLERANCE, _MAX_SHIFT, _SHIFT_WITHIN = 0.05, 2.0, 1.5
 _PENDANT_TIME = 0.5  # seconds between two reports of an axis that is moved by hand
 _MM_PER_INCH = 25.4
 _ROTARY = 'ABC'  # letters of axes that turn
@@ -250,7 +251,8 @@ class AxisTracker:
         if self._shifted or before is None or self._lateness is None:
             return False
         is_same = abs(self._lateness - before) <= _SHIFT_TOLERANCE
-        if not is_same or abs(self._lateness) > _MAX_SHIFT:
+        is_begin = time - self._commanded_at <= _SHIFT_WITHIN
+        if not (is_same and is_begin) or abs(self._lateness) > _MAX_SHIFT:
             return False
         self._estimator.delay(self._lateness)
         self._shifted = True

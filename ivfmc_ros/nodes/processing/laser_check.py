@@ -33,6 +33,8 @@ class LaserCheck:
     def restart(self) -> None:
         """Begin a scan."""
         self._check = StuckBeamCheck()
+        # whether an image with all lasers off has not been judged since the last lit one
+        self._is_new = False
         self._update()
 
     @property
@@ -40,19 +42,34 @@ class LaserCheck:
         """Images of the scan with all lasers off that could be judged."""
         return self._check.checked
 
+    @property
+    def dark_ns(self) -> int:
+        """Stamp of the last image of the scan with all lasers off that shows none of them."""
+        return self._check.dark_ns
+
     def add_lit(self, frame: Frame, profile: Profile) -> None:
         """Keep the last image of a laser that is on."""
+        self._is_new = True
         self._check.add_lit(frame, profile)
 
     def add_unused(self, match: FrameMatch, decode: Callable[[Any], Image]) -> None:
-        """Judge an image that becomes no profile, if its lasers were off at a known angle."""
-        if match.reason == LASER_OFF and self._check.wants(match.angle):
-            was_stuck = self._check.stuck
-            self._check.add_dark(decode(match.payload), match.angle)
-            if self._check.stuck != was_stuck:
-                self._update()
-                # the orchestrator must not wait for the next diagnostics of every second
-                self._node.publish_diagnostics()
+        """
+        Judge an image that becomes no profile, if its lasers were off.
+
+        The first dark image after a lit one settles it; only while images show a beam, more are
+        compared.
+        """
+        if match.reason != LASER_OFF or not (self._is_new or self._check.stuck is not None):
+            return
+        if not self._check.has_lit:
+            return
+        before = self._check.stuck, self._check.dark_ns
+        self._check.add_dark(decode(match.payload), match.angle, match.stamp_ns)
+        if (self._check.stuck, self._check.dark_ns) != before:
+            self._is_new = self._check.stuck is not None
+            self._update()
+            # the orchestrator must not wait for the next diagnostics of every second
+            self._node.publish_diagnostics()
 
     def _update(self) -> None:
         stuck = self._check.stuck

@@ -13,9 +13,9 @@ from ivfmc_ros.nodes.scanning.cell_link import CellLink
 _LASER_S = 10.0
 # Time after standstill until a dark frame is accepted, ns: above ``settle`` of the triangulator.
 _SETTLE_NS = 200_000_000
-# Images after each sweep in which the triangulator looks for a laser that still shines: its
-# verdict needs two (``stripe.stuck_beam``), and the first may be exposed before the switch.
-_DARK_IMAGES = 3
+# Within which the triangulator says that no laser shines, seconds: above the time after which one
+# is stuck (``stripe.stuck_beam``), and the period of the diagnostics.
+_DARK_S = 5.0
 
 # Waits for a condition: seconds, what is awaited, and the error code after that time.
 Until = Callable[[Condition, float, str, str], Awaitable[None]]
@@ -24,10 +24,12 @@ Until = Callable[[Condition, float, str, str], Awaitable[None]]
 class BeamControl:
     """The part of ``scan.job.Tools`` that concerns the lasers."""
 
-    def __init__(self, node: CellNode, link: CellLink, until: Until, patience_s: float) -> None:
+    def __init__(
+        self, node: CellNode, link: CellLink, until: Until, patience_s: float, scan_id: str
+    ) -> None:
         """``patience_s`` : within which an image comes, seconds."""
         self._node, self._link, self._until = node, link, until
-        self._patience_s = patience_s
+        self._patience_s, self._scan_id = patience_s, scan_id
 
     async def turn_on(self, laser: str) -> None:
         """Switch this laser on and all others off; return when that is reported."""
@@ -48,15 +50,19 @@ class BeamControl:
         )
 
     async def check_off(self) -> None:
-        """Return when the triangulator has images in which a laser may still shine."""
-        if not self._node.count_publishers('laser_states'):
+        """
+        Return when the triangulator has an image in which no laser shines.
+
+        One that shines on is a fault of the scan, which ends the wait.
+        """
+        if not self._node.count_publishers('laser_states') or not self._link.headers:
             return
         since = await self._dark_since_ns()
         await self._until(
-            lambda: sum(stamp > since for stamp in self._link.info_stamps_ns) >= _DARK_IMAGES,
-            self._patience_s,
-            'images with all lasers off',
-            'CAMERA_LOST',
+            lambda: self._link.controller.dark_ns(self._scan_id) >= since,
+            _DARK_S + self._patience_s,
+            'an image in which no laser shines',
+            'LASER_FAILED',
         )
 
     async def _dark_since_ns(self) -> int:

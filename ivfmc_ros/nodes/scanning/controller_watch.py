@@ -32,6 +32,7 @@ class ControllerWatch:
         self._cuts: dict[str, str] = {}
         # the laser that shines although it is off, by the id of the scan
         self._stuck: dict[str, str] = {}
+        self._dark_ns: dict[str, int] = {}
         self._table_fault = ''
         self._name = f'{node.get_namespace()}/turntable'.lstrip('/')
         self._triangulator = f'{node.get_namespace()}/triangulator'.lstrip('/')
@@ -57,6 +58,10 @@ class ControllerWatch:
         """Return which laser of a scan shines although it is reported off; '' if none does."""
         return self._stuck.get(scan_id, '')
 
+    def dark_ns(self, scan_id: str) -> int:
+        """Return the stamp of the last image of a scan in which no laser shines; 0: none yet."""
+        return self._dark_ns.get(scan_id, 0)
+
     def _receive(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == self._name:
@@ -75,3 +80,5 @@ class ControllerWatch:
                 scan_id = values.get('scan_id', '')
                 self._cuts = {scan_id: values.get('part_cut', '')}
                 self._stuck = {scan_id: values.get('laser_stuck', '')}
+                dark_ns = values.get('dark_since_stamp', '')
+                self._dark_ns = {scan_id: int(dark_ns) if dark_ns.isdigit() else 0}

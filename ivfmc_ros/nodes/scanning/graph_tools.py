@@ -101,7 +101,7 @@ class GraphTools:
             needs_homing=context.home,
             scan_id=context.scan_id,
         )
-        self._beam = BeamControl(node, link, self._until, context.patience)
+        self._beam = BeamControl(node, link, self._until, context.patience, context.scan_id)
         self._standstill_ns = 0
         self.bag: Mapping[str, Any] = {}
         self.has_figures = False

@@ -64,6 +64,13 @@ def test_motion_at_another_speed_is_a_lost_position(tracker, speed):
     assert report(tracker, 4.0, planned(speed=speed))
 
 
+def test_axis_that_is_held_up_in_the_middle_is_a_lost_position(tracker):
+    def position_at(now):
+        return planned()(now if now < BEGIN + 2.5 else now - 0.6)
+
+    assert report(tracker, 4.0, position_at)
+
+
 def test_axis_that_stands_is_a_lost_position(tracker):
     assert report(tracker, 2.0, lambda now: 0.0)
 
