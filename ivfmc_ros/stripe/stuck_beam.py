@@ -29,7 +29,8 @@ _BESIDE_PX = 20
 # Table angles that differ by less, radians, show the stripe at the same pixels.
 _SAME_ANGLE = 2e-3
 # Seconds for which images have to show the beam. Stamps may be late: with a driver that stamps the
-# arrival, or a clock that is some tenths of a second ahead, images from before the switch seem dark.
+# arrival, or a clock that is some tenths of a second ahead, images from before the switch seem
+# dark.
 _STUCK_AFTER_S = 1.0
 
 
@@ -64,11 +65,6 @@ class StuckBeamCheck:
         if len(profile) >= _MIN_POINTS:
             lit = _LitImage(image=frame.image, uv=profile.uv, angle=frame.angle)
             self._lit[frame.laser] = lit
-
-    @property
-    def has_lit(self) -> bool:
-        """Whether there is an image to compare with."""
-        return bool(self._lit)
 
     def add_dark(self, image: Image, angle: float, stamp_ns: int) -> None:
         """

@@ -61,8 +61,6 @@ class LaserCheck:
         """
         if match.reason != LASER_OFF or not (self._is_new or self._check.stuck is not None):
             return
-        if not self._check.has_lit:
-            return
         before = self._check.stuck, self._check.dark_ns
         self._check.add_dark(decode(match.payload), match.angle, match.stamp_ns)
         if (self._check.stuck, self._check.dark_ns) != before:

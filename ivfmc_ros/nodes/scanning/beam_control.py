@@ -62,7 +62,7 @@ class BeamControl:
             lambda: self._link.controller.dark_ns(self._scan_id) >= since,
             _DARK_S + self._patience_s,
             'an image in which no laser shines',
-            'LASER_FAILED',
+            'CAMERA_LOST',
         )
 
     async def _dark_since_ns(self) -> int:
