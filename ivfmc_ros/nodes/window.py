@@ -46,6 +46,8 @@ _FOLLOW_S = 0.1
 _HEALTH_S = 1.0
 # Radians that the table turns until the drawn cell follows.
 _TURN = 0.02
+# Stages in which registrar and mesher publish for the scan.
+_PROCESSING = ('REGISTERING', 'MESHING', 'INSPECTING', 'FINISHING')
 # Size of the camera's images while it is not known.
 _SIZE = (1280, 1024)
 
@@ -156,7 +158,8 @@ class Window(CellNode):
             self._page.scene.clear()
         self._page.scan.show_status(values)
         state = self._page.scan.state
-        self._page.work.permit(idle=not state.running)
+        self._actions.idle = not state.running
+        self._page.work.permit(idle=self._actions.idle)
         if state.stage in ENDED:
             self._page.scene.flush()
             self._show_result(state.result, scan_id)
@@ -207,7 +210,14 @@ class Window(CellNode):
             self._drawn_angle = state[0]
             self._page.scene.turn_cell(state[0])
 
+    @property
+    def _is_scanned(self) -> bool:
+        """Whether the profiles of the scan are complete; what comes earlier is of the last one."""
+        return self._page.scan.state.stage in (*_PROCESSING, *ENDED)
+
     def _receive_cloud(self, message: PointCloud2) -> None:
+        if not self._is_scanned:
+            return
         names = ('x', 'y', 'z', 'sigma', 'intensity', 'laser')
         records = clouds.to_structured_array(message, 'cloud', names).ravel()
         self._page.scene.show_cloud(
@@ -221,7 +231,7 @@ class Window(CellNode):
 
     def _receive_mesh(self, data: bytes) -> None:
         vertices, faces = meshes.from_mesh_shape(data)
-        if len(faces) and self._scan_id != self._mesh_of:
+        if len(faces) and self._is_scanned and self._scan_id != self._mesh_of:
             self._page.show_mesh(DrawnMesh(vertices_xyz=vertices, faces=faces))
 
     def before_diagnosis(self) -> None:

@@ -4,6 +4,7 @@
 
 import json
 
+import pytest
 from support.small_cell import small_cell_options
 
 from ivfmc_ros.simulation.live.folder import LiveFolder
@@ -11,6 +12,7 @@ from ivfmc_ros.simulation.live.folder import LiveFolder
 SCAN = {'motion': 'continuous', 'profiles': 80, 'profile_rate': 13.0, 'lasers': ['left']}
 
 
+@pytest.mark.slow
 def test_welded_relay_ends_the_scan(client, start, tmp_path):
     client.status.clear()
     cell = start(*small_cell_options(tmp_path))

@@ -15,6 +15,7 @@ from trajectory_msgs.msg import JointTrajectoryPoint
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import NotReadyError
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.errors import StateError
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.futures import ServiceClients
 from ivfmc_ros.nodes.framework.futures import Waiter
@@ -30,10 +31,13 @@ class CellActions:
     Implements ``window.actions.Actions``; its methods may be called from any thread.
 
     position : of the table, radians; None while it is not known
+    idle : no scan runs; only then a person may turn the table or turn a laser on. The buttons are
+        disabled too, but a browser need not heed that
     """
 
     def __init__(self, node: CellNode) -> None:
         self.position: float | None = None
+        self.idle = False
         self._node = node
         self._services = ServiceClients(node, Waiter(node))
         self._trajectory = node.publish_on(JointTrajectory, 'joint_trajectory')
@@ -75,7 +79,14 @@ class CellActions:
         finally:
             await self._services.set('orchestrator', before)
 
+    def _require_idle(self) -> None:
+        if not self.idle:
+            raise StateError(
+                'a scan runs; by hand the table turns, and a laser shines, in an idle cell'
+            )
+
     async def _light(self, laser: str, on: bool) -> dict[str, Any]:
+        self._require_idle()
         path = f'turntable/{laser}/enable'
         response = await self._services.call(path, SetBool, SetBool.Request(data=on), _ANSWER_S)
         if not response.success:
@@ -83,6 +94,7 @@ class CellActions:
         return {}
 
     async def _jog(self, radians: float) -> dict[str, Any]:
+        self._require_idle()
         if self.position is None:
             raise NotReadyError('the position of the table is not known')
         seconds = abs(radians) / _JOG_SPEED
