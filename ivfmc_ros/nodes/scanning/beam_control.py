@@ -5,6 +5,7 @@
 from collections.abc import Awaitable
 from collections.abc import Callable
 
+from ivfmc_ros.errors import HelperError
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.futures import Condition
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
@@ -16,6 +17,8 @@ _SETTLE_NS = 200_000_000
 # Within which the triangulator says that no laser shines, seconds: above the time after which one
 # is stuck (``stripe.stuck_beam``), and the period of the diagnostics.
 _DARK_S = 5.0
+
+_NO_DARK_IMAGE = 'NO_DARK_IMAGE'
 
 # Waits for a condition: seconds, what is awaited, and the error code after that time.
 Until = Callable[[Condition, float, str, str], Awaitable[None]]
@@ -53,17 +56,23 @@ class BeamControl:
         """
         Return when the triangulator has an image in which no laser shines.
 
-        One that shines on is a fault of the scan, which ends the wait.
+        One that shines on is a fault of the scan, which ends the wait. Where the triangulator does
+        not follow laser_states, no image tells, and the scan goes on.
         """
         if not self._node.count_publishers('laser_states') or not self._link.headers:
             return
         since = await self._dark_since_ns()
-        await self._until(
-            lambda: self._link.controller.dark_ns(self._scan_id) >= since,
-            _DARK_S + self._patience_s,
-            'an image in which no laser shines',
-            'CAMERA_LOST',
-        )
+        try:
+            await self._until(
+                lambda: self._link.controller.dark_ns(self._scan_id) >= since,
+                _DARK_S,
+                'an image in which no laser shines',
+                _NO_DARK_IMAGE,
+            )
+        except HelperError as error:
+            if error.code != _NO_DARK_IMAGE:
+                raise
+            self._node.get_logger().warning(f'{error}: whether the lasers are off was not seen')
 
     async def _dark_since_ns(self) -> int:
         """Return the stamp since which all lasers are reported off, nanoseconds."""
