@@ -17,6 +17,7 @@ from support.house import ROOT
 
 import ivfmc_ros
 from ivfmc_ros.cli.support.cell_run import NODES
+from ivfmc_ros.cli.support.cell_run import WINDOW
 
 PARTS = ('config', 'ivfmc_ros', 'resource', 'test')
 FILES = ('LICENSE', 'README.md', 'package.xml', 'pyproject.toml', 'setup.cfg', 'setup.py')
@@ -128,7 +129,7 @@ def test_wheel_puts_only_ivfmc_on_the_path(wheel):
         if member.filename.startswith(f'{info}.data/data/lib/ivfmc_ros/')
         and member.external_attr >> 16 & 0o111
     }
-    assert scripts == set(NODES)
+    assert scripts == {*NODES, WINDOW}
 
 
 @needs_wheels

@@ -160,13 +160,8 @@ def check_table(views: Sequence[View], poses: Poses, cell: Cell | None = None) -
 
 
 def _step(view: View) -> float:
-    """
-    Return the angle between the profiles of a view, radians.
-
-    The mean, in which lost images count; in a sweep with an irregular frame rate the upper
-    quartile, which a quarter of the surface exceeds: a good scan of a busy computer with a mean of
-    4.2 and a quartile of 4.9 degrees looked like a slip of -0.6 degrees.
-    """
+    """Return mean or upper quartile of the steps, radians, the larger: lost images count too."""
+    # a good scan with a mean of 4.2 and a quartile of 4.9 degrees looked like a slip of -0.6
     mean = float(np.ptp(view.angles)) / (len(view.angles) - 1)
     return max(mean, float(np.quantile(np.diff(np.sort(view.angles)), 0.75)))
 

@@ -24,7 +24,8 @@ def status(port, **headers):
 
 def port_of(client):
     found = {}
-    # those of a window before
+    # those of a window before, its last words included
+    client.spin(0.5)
     client.forget('window')
 
     def known():

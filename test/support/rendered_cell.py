@@ -248,6 +248,9 @@ class RenderedCell:
         """Return the planned rate of profiles, 1/s."""
         return self._motion.profile_rate
 
+    async def check_lasers_off(self) -> None:
+        """Nothing shines that is off."""
+
     async def wait_for_sweep_profiles(self, sweep: Sweep) -> None:
         """Match the images that still wait."""
         self._take_profiles(math.inf)

@@ -205,6 +205,8 @@ def _scan(case: Case, fault: Fault) -> tuple[str, str, RenderedCell]:
         bench_cell(), _measured(case.part, case.seed), plan, motion, fault, case.seed
     )
     outcome = asyncio.run(run_job(StateMachine(), plan, motion, tools))  # type: ignore[arg-type]
+    # a scan that breaks shows nothing of the fault
+    assert outcome.code != 'INTERNAL', outcome.detail
     return outcome.code, outcome.detail, tools
 
 

@@ -39,7 +39,7 @@ from ivfmc_ros.storage.messages.rectified import require_raw_images
 from ivfmc_ros.storage.messages.sensor_messages import COMPRESSED_IMAGE
 from ivfmc_ros.storage.scans.scan_messages import is_transforms
 from ivfmc_ros.storage.scans.scan_messages import read_messages
-from ivfmc_ros.storage.scans.scan_messages import RECEIVED_REMARK
+from ivfmc_ros.storage.scans.scan_messages import received_remarks
 from ivfmc_ros.storage.scans.scan_messages import states_of_transforms
 
 # Seconds by which stamps of images and joint states may differ: more than any delay of one clock.
@@ -160,8 +160,7 @@ def open_scan(  # noqa: PLR0913 - one argument for each thing that a foreign bag
         the same views, where the bag has profiles
     taken : how the images were taken (dark frames, several exposures), without ``matching``
     salvage : accept a damaged bag
-    received : take the times at which the messages were recorded for their stamps, where these
-        are zero or of clocks that differ; profiles of the recording are not used then
+    received : use the times of recording for the stamps, and no profiles of the recording
     table_frame : child frame of the transforms of the table, where there are no joint_states
     :raises BagError: the bag is damaged, lacks a topic, or has no table angle at the stamp of an
         image
@@ -172,24 +171,16 @@ def open_scan(  # noqa: PLR0913 - one argument for each thing that a foreign bag
     messages = read_messages(bag, scan_topics, received=received)
     stamps = _image_stamps(messages, f'{path}: {scan_topics.image.name}')
     where = f'{path}: {scan_topics.joint_states.name}'
-    positions = [message for message, _ in messages['joint_states']]
-    if is_transforms(scan_topics.joint_states):
-        positions = states_of_transforms(positions, table_frame, joint, where)
-    joint_history = JointHistory.from_messages(positions, joint, where)
+    joint_history = _joint_history(messages, scan_topics, joint, table_frame, where)
     ahead_s = 0.0 if received else _clock_offset_s(messages)
     _require_angles(joint_history, [] if salvage else stamps, where, ahead_s)
-    matcher = FrameMatcher(
-        lasers,
-        replace(
-            matching or taken or MatchSettings(),
-            always_on=scan_topics.laser_states is None,
-        ),
-        joint_history=joint_history,
-        laser_history=_laser_history(bag, scan_topics, messages, lasers),
-    )
-    matches = _match(matcher, stamps)
+    always_on = scan_topics.laser_states is None
+    settings = replace(matching or taken or MatchSettings(), always_on=always_on)
+    laser_history = _laser_history(bag, scan_topics, messages, lasers)
+    matches = _match(lasers, settings, (joint_history, laser_history), stamps)
     if matching is None and not received:
         matches = _as_recorded_profiles(matches, messages['profile'])
+    table_remarks = _table_remarks(joint_history.remarks(joint), ahead_s, where)
     return ScanBag(
         path=path,
         camera=_camera(bag, scan_topics, messages, camera),
@@ -198,16 +189,30 @@ def open_scan(  # noqa: PLR0913 - one argument for each thing that a foreign bag
         bag=bag,
         topics=scan_topics,
         matches=tuple(matches),
-        remarks=(
-            *bag.remarks,
-            *_table_remarks(joint_history.remarks(joint), ahead_s, where),
-            *([RECEIVED_REMARK.format(path=path)] if received else []),
-        ),
+        remarks=(*bag.remarks, *table_remarks, *received_remarks(path, received=received)),
         received=received,
     )
 
 
-def _match(matcher: FrameMatcher, stamps_ns: Sequence[int]) -> list[FrameMatch]:
+def _joint_history(
+    messages: Mapping[str, list[Any]], topics: ScanTopics, joint: str, frame: str, where: str
+) -> JointHistory:
+    positions = [message for message, _ in messages['joint_states']]
+    if is_transforms(topics.joint_states):
+        positions = states_of_transforms(positions, frame, joint, where)
+    return JointHistory.from_messages(positions, joint, where)
+
+
+def _match(
+    lasers: Sequence[str],
+    settings: MatchSettings,
+    histories: tuple[JointHistory, LaserHistory],
+    stamps_ns: Sequence[int],
+) -> list[FrameMatch]:
+    joint_history, laser_history = histories
+    matcher = FrameMatcher(
+        lasers, settings, joint_history=joint_history, laser_history=laser_history
+    )
     for stamp_ns in stamps_ns:
         matcher.add_image(stamp_ns, None)
     return list(matcher.pop_matches())

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from ivfmc_ros.errors import BagError
@@ -21,11 +22,16 @@ from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 from ivfmc_ros.storage.messages.profile_header import read_profile_header
 from ivfmc_ros.storage.messages.sensor_messages import TF_MESSAGE
 
-# What is said of every bag that is read by times of reception.
-RECEIVED_REMARK = (
-    '{path}: the times at which messages were recorded are used for their stamps: table angles '
-    'are off by the speed of the table times the delay of the pictures'
-)
+
+def received_remarks(path: Path, *, received: bool) -> tuple[str, ...]:
+    """Return what is said of a bag that is read by the times of recording."""
+    if not received:
+        return ()
+    text = (
+        'the times at which messages were recorded are used for their stamps: table angles are '
+        'off by the speed of the table times the delay of the pictures'
+    )
+    return (f'{path}: {text}',)
 
 
 def recorded_profile_headers(bag: Bag, topic: str) -> dict[int, ProfileHeader]:
