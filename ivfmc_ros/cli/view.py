@@ -6,7 +6,6 @@ from pathlib import Path
 import webbrowser
 
 import click
-import numpy as np
 
 from ivfmc_ros.cell.camera_file import load_camera
 from ivfmc_ros.cell.cell_file import load_cell
@@ -116,12 +115,5 @@ def _show_profiles(page: ViewPage, bag: Bag) -> None:
     for raw in bag.messages(topics[:1]):
         profile = to_profile(decode(raw), f'{bag.path}: {topics[0]}')
         if len(profile):
-            page.scene.add_profile(
-                DrawnPoints(
-                    points_xyz=profile.points_xyz,
-                    laser=np.full(len(profile), profile.laser),
-                    sigma=profile.sigma,
-                    intensity=profile.intensity,
-                )
-            )
+            page.scene.add_profile(DrawnPoints.of_profile(profile))
     page.scene.flush()

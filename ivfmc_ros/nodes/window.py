@@ -115,7 +115,7 @@ class Window(CellNode):
         root = self.get('recipe_root')
         page = WorkPage(
             PageSetup(
-                title=f'{self.get_namespace()}',
+                title=self.get_namespace(),
                 scans=Path(self.get('scan_root')),
                 pictures=Path(self.get('pictures')),
                 lasers=[laser.name for laser in draft.lasers] if draft else [],
@@ -192,14 +192,7 @@ class Window(CellNode):
         profile = clouds.to_profile(message, 'profile')
         self._pictures.profile = profile
         if len(profile):
-            self._page.scene.add_profile(
-                DrawnPoints(
-                    points_xyz=profile.points_xyz,
-                    laser=np.full(len(profile), profile.laser),
-                    sigma=profile.sigma,
-                    intensity=profile.intensity,
-                )
-            )
+            self._page.scene.add_profile(DrawnPoints.of_profile(profile))
 
     def _receive_joints(self, message: JointState) -> None:
         state = joint_in_message(message, self.get('joint'))

@@ -118,7 +118,7 @@ class CalibrateTab:
             self._on.value = False
             text = (
                 '<p><b>The set is complete.</b> Now run: <code>ivfmc calibrate camera '
-                f'{escape(self._folder.name)} --board {escape(str(self._text.value))}</code></p>'
+                f'{escape(str(self._folder))} --board {escape(str(self._text.value))}</code></p>'
             )
         else:
             lines = ''.join(f'<li>{escape(line)}</li>' for line in guide.missing()[:_TOLD])

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Colors of points and meshes by laser, height, uncertainty, brightness, deviation or texture."""
+"""Colors of points and meshes by laser, height, uncertainty, brightness or deviation."""
 
 from typing import Any
 
@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from ivfmc_ros.model import Bytes
 from ivfmc_ros.model import Floats
 
-LASER, HEIGHT, SIGMA, BRIGHTNESS, DEVIATION, TEXTURE, PLAIN = (
+LASER, HEIGHT, SIGMA, BRIGHTNESS, DEVIATION, PLAIN = (
     'laser',
     'height',
     'uncertainty',
     'brightness',
     'deviation',
-    'texture',
     'plain',
 )
 POINT_MODES = (LASER, HEIGHT, SIGMA, BRIGHTNESS)

@@ -47,7 +47,7 @@ class ViewPage:
     """
     The 3-D view alone, for files.
 
-    scene : what is drawn; controls : of it
+    scene : what is drawn; view_tab : its controls
     """
 
     def __init__(

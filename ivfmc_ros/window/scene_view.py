@@ -20,6 +20,7 @@ import numpy as np
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
+from ivfmc_ros.model import Profile
 from ivfmc_ros.window import cell_drawing
 from ivfmc_ros.window import coloring
 from ivfmc_ros.window.measuring import Measurement
@@ -28,12 +29,11 @@ from ivfmc_ros.window.section import CuttingPlane
 
 # Display units a meter.
 SCALE = 100.0
-# DrawnPoints that the profiles of a scan may have in the browser; each second one goes beyond.
+# Points that the profiles of a scan may have in the browser; each second one goes beyond.
 _MAX_POINTS = 400_000
 # Profiles that are drawn together: one message of some 10 kB instead of one each.
 _BATCH = 12
 _POINT_SIZE = 0.012  # display units
-_SHEETS = ((213, 94, 0), (0, 114, 178), (0, 158, 115), (204, 121, 167))
 _LINES, _PLATTER = (90, 98, 110), (206, 210, 216)
 _MEASURED = (178, 24, 43)
 
@@ -41,7 +41,7 @@ _MEASURED = (178, 24, 43)
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DrawnPoints:
     """
-    DrawnPoints to draw.
+    Points to draw.
 
     points_xyz : (n, 3) meters, frame ``turntable``
     laser : (n,) index; sigma : (n,) meters; intensity : (n,) DN
@@ -51,6 +51,16 @@ class DrawnPoints:
     laser: Ints
     sigma: Floats
     intensity: Floats
+
+    @classmethod
+    def of_profile(cls, profile: Profile) -> 'DrawnPoints':
+        """Return the points of a profile."""
+        return cls(
+            points_xyz=profile.points_xyz,
+            laser=np.full(len(profile), profile.laser),
+            sigma=profile.sigma,
+            intensity=profile.intensity,
+        )
 
     def every(self, step: int) -> 'DrawnPoints':
         """Return each ``step``-th point."""
@@ -117,7 +127,7 @@ class SceneView:
                 f'/cell/light sheet {sheet.name}',
                 SCALE * sheet.vertices_xyz,
                 sheet.faces,
-                color=_SHEETS[index % len(_SHEETS)],
+                color=coloring.by_laser(np.array([index]))[0],
                 opacity=0.15,
                 side='double',
                 cast_shadow=False,
@@ -317,8 +327,6 @@ class SceneView:
         mode = self._mesh_mode
         if mode == coloring.PLAIN:
             return None, coloring.plain(len(surface.vertices_xyz))
-        if mode == coloring.TEXTURE:
-            return None, surface.values[mode].astype(np.uint8)
         is_deviation = mode == coloring.DEVIATION
         values = surface.vertices_xyz[:, 2] if mode == coloring.HEIGHT else surface.values[mode]
         limits = coloring.span_of(values, symmetric=is_deviation)

@@ -35,8 +35,9 @@ _COLORS = {
     'fail': ('#8f1010', '#ffffff'),
     'not decided': ('#ffd966', '#1a1a1a'),
     'OK': ('#1d3f72', '#ffffff'),
-    '': ('#e6e8eb', '#1a1a1a'),
 }
+# Width of the verdict: characters on a line times their size, rem.
+_VERDICT_WIDTH = 26.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,11 +101,13 @@ def verdict_html(state: ScanState) -> str:
     text = state.verdict or (state.code if state.stage in ENDED else '')
     if not text:
         return ''
-    known = state.verdict if state.verdict in _COLORS else ('OK' if state.code == 'OK' else 'fail')
-    background, color = _COLORS[known]
+    kind = state.verdict or ('OK' if state.code == 'OK' else 'fail')
+    background, color = _COLORS.get(kind, _COLORS['fail'])
+    # a long code on one line
+    size = min(4.0, _VERDICT_WIDTH / len(text))
     return (
         f'<div role="status" aria-live="assertive" style="background:{background};color:{color};'
-        'font-size:min(9vw,4rem);font-weight:700;text-align:center;padding:0.2em;'
+        f'font-size:min(9vw,{size:.2g}rem);font-weight:700;text-align:center;padding:0.2em;'
         f'border-radius:0.15em">{escape(text.upper())}</div>'
     )
 

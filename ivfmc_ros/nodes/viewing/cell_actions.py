@@ -73,8 +73,9 @@ class CellActions:
 
     async def _start(self, values: dict[str, Any]) -> dict[str, Any]:
         before = {name: await self._services.get('orchestrator', name) for name in values}
-        await self._services.set('orchestrator', values)
         try:
+            # within: of several values one may be refused after others were set
+            await self._services.set('orchestrator', values)
             return await self._services.trigger('start_scan', _ANSWER_S)
         finally:
             await self._services.set('orchestrator', before)
