@@ -126,6 +126,11 @@ class TurntableDriver:
         """Why no process guards the beam, '' if one does or none is wanted."""
         return '' if self._guard is None else self._guard.fault
 
+    @property
+    def guard_action(self) -> str:
+        """What the guard of the beam did since the last laser was turned on, '' for nothing."""
+        return '' if self._guard is None else self._guard.action
+
     def unknown_lines(self) -> Mapping[str, int]:
         """Return how many lines of each kind the driver of the controller did not understand."""
         return self._controller.unknown_lines()
@@ -328,6 +333,8 @@ class TurntableDriver:
         if name is not None and self._guard is not None:
             self._guard.announce()
         self._controller.set_laser(name)
+        if name is not None and self._guard is not None:
+            self._guard.forgive()
 
     def _is_alive(self) -> bool:
         return time.monotonic() < self._alive_until

@@ -254,7 +254,8 @@ class TurntableNode(LifecycleCellNode):
             return
         self.health.clear(WAITING, _CONTROLLER)
         if alarm is not None:
-            text = f'{alarm}: {fault}' if fault else alarm
+            reason = driver.guard_action or fault
+            text = f'{alarm}: {reason}' if reason else alarm
             self.health.fault(_CONTROLLER, alarm, text)
         elif fault:
             self.health.fault(_CONTROLLER, 'command failed', fault, Level.WARN)
@@ -262,6 +263,8 @@ class TurntableNode(LifecycleCellNode):
             self.health.clear_fault(_CONTROLLER)
         if driver.guard_fault:
             self.health.fault(_GUARD, 'not running', driver.guard_fault, Level.WARN)
+        elif driver.guard_action:
+            self.health.fault(_GUARD, 'acted', driver.guard_action, Level.WARN)
         else:
             self.health.clear_fault(_GUARD)
 

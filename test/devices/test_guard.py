@@ -101,6 +101,21 @@ def test_guard_acts_when_the_watchdog_hangs_only_where_a_laser_may_be_on(pipe, g
     assert received(reading)[:3] == sent
 
 
+def test_driver_that_goes_on_knows_that_its_guard_has_acted(pipe, guard):
+    reading, writing = pipe
+    alive = [True]
+    guard.start(OffLine(handle=writing, steps=STEPS), lambda: alive[0], lambda: True)
+    time.sleep(0.2)
+    assert guard.action == ''
+    alive[0] = False
+    assert received(reading)[:3] == b'off'
+    alive[0] = True
+    seconds_until(lambda: 'did not run for 0.35 s' in guard.action)
+    guard.forgive()
+    time.sleep(0.2)
+    assert guard.action == ''
+
+
 def test_guard_that_dies_is_a_fault(pipe, guard):
     guard.start(OffLine(handle=pipe[1], steps=STEPS), lambda: True, lambda: True)
     os.kill(guard.pid, signal.SIGKILL)

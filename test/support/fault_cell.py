@@ -42,6 +42,7 @@ START_S, SCAN_S = 240.0, 120.0
 # The beam may flicker at the end of a scan; resolution of the truth that is read, seconds.
 _RESOLUTION_S = 0.005
 _STRIDE = 9  # of the points that are compared
+_CLOSING_S = 5.0  # seconds that a recording may take to be closed
 # A part that shows a rotation on all sides; the demo part is mostly round.
 _PART = 'bracket'
 FINAL = ('DONE', 'FAILED', 'CANCELLED')
@@ -309,6 +310,8 @@ class FaultCell:
 
     def lost_profiles(self, scan_id: str, acknowledged: int) -> int:
         """Return how many profiles up to the acknowledged one are not in the bag; -1: none was."""
+        # a recording that is being closed has its name changed
+        self.client.wait((self.scans / scan_id / 'metadata.yaml').exists, _CLOSING_S)
         try:
             bag = open_bag(self.scans / scan_id, salvage=True)
             topic = f'{self.client.node.get_namespace()}/profile'

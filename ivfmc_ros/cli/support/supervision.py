@@ -29,7 +29,7 @@ from ivfmc_ros.devices.guard.emergency_reset import reset_controller
 from ivfmc_ros.errors import ControllerLostError
 from ivfmc_ros.errors import HelperError
 
-_DRIVER = 'turntable'
+_DRIVER, _ORCHESTRATOR = 'turntable', 'orchestrator'
 _BAUD = 115200
 # Seconds without a heartbeat of the driver after which it hangs.
 _SILENCE_S = 1.5
@@ -63,7 +63,6 @@ class Supervisor:
             which the cell can do without
         """
         from diagnostic_msgs.msg import DiagnosticArray
-        from diagnostic_msgs.msg import DiagnosticStatus
         from std_msgs.msg import Header
 
         from ivfmc_ros.nodes.framework import qos
@@ -76,9 +75,7 @@ class Supervisor:
         self._silent_s: dict[str, float] = {}
         self._checked_s = time.monotonic()
         node = client.node
-        self._status = node.create_publisher(
-            DiagnosticStatus, 'scan_status', qos.of_topic('scan_status')
-        )
+        self._status = _status_publisher(node)
         self._diagnostics = node.create_publisher(
             DiagnosticArray, '/diagnostics', qos.reliable(10)
         )
@@ -112,6 +109,8 @@ class Supervisor:
             self._end(ended.name, str(ended), is_final=ended.code == _NOT_CREATED)
         for name in self._restarts.due() if self._restarts else ():
             self._silent_s.pop(name, None)
+            if name == _ORCHESTRATOR:
+                self._withdraw_status()
             self._processes.restart(name)
             self._say('up', f'{name} is started again')
 
@@ -132,16 +131,15 @@ class Supervisor:
         self._say('up', text)
         # the orchestrator need not wait for the silence of the node
         self._publish_diagnostics(text, ended=name)
+        if name == _ORCHESTRATOR:
+            # its clients need not wait until it is back and says so itself
+            self._fail_scan('INTERRUPTED', text)
 
     def say_end(self, code: str, reason: str) -> None:
         """Publish why the cell ends, also as the end of a scan that runs."""
         from ivfmc_ros.nodes.framework.shutdown import flush
 
-        node, status = self._client.node, self._client.status
-        if status.get('scan_id') and not status.get('result'):
-            result = {'code': code, 'detail': reason, 'scan_id': status['scan_id']}
-            values = {**status, 'stage': 'FAILED', 'code': code, 'result': json.dumps(result)}
-            self._status.publish(_message(node.get_namespace(), 'orchestrator', 'FAILED', values))
+        self._fail_scan(code, reason)
         self._publish_diagnostics(f'ended: {reason}')
         for publisher in (self._status, self._diagnostics):
             flush(publisher)
@@ -151,6 +149,19 @@ class Supervisor:
         # the controller of a simulated cell has ended with it
         if self._processes.codes.get(_DRIVER, 0) < 0 and not self._run.simulate:
             self._say('up', f'{_DRIVER} had to be killed; {self._reset()}')
+
+    def _fail_scan(self, code: str, reason: str) -> None:
+        """Publish the end of a scan that runs, in the name of the orchestrator."""
+        node, status = self._client.node, self._client.status
+        if status.get('scan_id') and not status.get('result'):
+            result = {'code': code, 'detail': reason, 'scan_id': status['scan_id']}
+            values = {**status, 'stage': 'FAILED', 'code': code, 'result': json.dumps(result)}
+            self._status.publish(_message(node.get_namespace(), _ORCHESTRATOR, 'FAILED', values))
+
+    def _withdraw_status(self) -> None:
+        """Leave no latched status beside that of the next orchestrator."""
+        self._client.node.destroy_publisher(self._status)
+        self._status = _status_publisher(self._client.node)
 
     def _publish_diagnostics(self, text: str, **values: str) -> None:
         from diagnostic_msgs.msg import DiagnosticArray
@@ -225,6 +236,14 @@ def _driver_parameters(run: CellRun) -> dict[str, Any]:
         # such as no file: the command line has all of it
         found = {}
     return {**found, **own_parameters(run, _DRIVER), **run.overrides.get(_DRIVER, {})}
+
+
+def _status_publisher(node: Any) -> Any:
+    from diagnostic_msgs.msg import DiagnosticStatus
+
+    from ivfmc_ros.nodes.framework import qos
+
+    return node.create_publisher(DiagnosticStatus, 'scan_status', qos.of_topic('scan_status'))
 
 
 def _message(namespace: str, name: str, text: str, values: dict[str, str]) -> Any:

@@ -17,6 +17,10 @@ from ivfmc_ros.devices.guard import process
 # to be off half a second after the driver hangs.
 TIMEOUT_S = 0.35
 _BEAT_S = 0.05  # seconds between beats
+_ACTION = (
+    f'the guard process turned the lasers off and stopped the table, because this driver did not '
+    f'run for {TIMEOUT_S} s; is the computer overloaded?'
+)
 _END_S = 1.0  # seconds that the guard may take to end
 
 
@@ -27,6 +31,7 @@ class BeamGuard:
     is_alive, is_lit : return whether the driver's watchdog runs, and whether a laser may be on or
         the table moves; called 20 times a second in a thread of its own
     fault : why there is no guard though the controller is connected, '' otherwise
+    action : what it did to a driver that it took for hung, since ``start`` or ``forgive``; or ''
     """
 
     def __init__(self) -> None:
@@ -35,6 +40,7 @@ class BeamGuard:
         self._ending = threading.Event()
         self._thread: threading.Thread | None = None
         self.fault = ''
+        self.action = ''
 
     def start(
         self, line: OffLine | None, is_alive: Callable[[], bool], is_lit: Callable[[], bool]
@@ -57,6 +63,7 @@ class BeamGuard:
                 [*command, str(reading), str(TIMEOUT_S), *steps],
                 pass_fds=(line.handle, reading),
                 stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
                 # a signal to the group of the driver must not end the guard
                 start_new_session=True,
             )
@@ -65,7 +72,9 @@ class BeamGuard:
             return
         finally:
             os.close(reading)
-        self.fault = ''
+        if self._process.stdout is not None:
+            os.set_blocking(self._process.stdout.fileno(), False)
+        self.fault, self.action = '', ''
         self._ending.clear()
         self._thread = threading.Thread(
             target=self._beat, args=(is_alive, is_lit), name='beats', daemon=True
@@ -86,6 +95,10 @@ class BeamGuard:
         """Tell the guard that a laser is about to be turned on; the next beat is later."""
         self._write(process.LIT)
 
+    def forgive(self) -> None:
+        """Forget the last action."""
+        self.action = ''
+
     def end(self) -> None:
         """End the process; the lasers stay as they are. May be called again."""
         self._ending.set()
@@ -103,15 +116,23 @@ class BeamGuard:
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
+            if self._process.stdout is not None:
+                self._process.stdout.close()
             self._process = None
 
     def _beat(self, is_alive: Callable[[], bool], is_lit: Callable[[], bool]) -> None:
         while not self._ending.wait(_BEAT_S):
+            self._read()
             if not is_alive():
                 continue
             self._write(process.LIT if is_lit() else process.DARK)
             if self.fault:
                 return
+
+    def _read(self) -> None:
+        output = None if self._process is None else self._process.stdout
+        if output is not None and process.ACTED in (output.read() or b''):
+            self.action = _ACTION
 
     def _write(self, beat: bytes) -> None:
         try:

@@ -9,11 +9,13 @@ without the package, so that it starts in some 20 ms.
 
 A beat is one byte: ``1`` while a laser may be on or the table moves, ``0`` otherwise, ``q`` to
 end. Where no beat comes for TIMEOUT seconds after a ``1``, or the pipe is closed without ``q``,
-the bytes HEX are sent, each with a pause of SECONDS after it. The process ends with its driver,
-and when the port is unplugged.
+the bytes HEX are sent, each with a pause of SECONDS after it. Before the first of them to a driver
+that hangs, ``!`` is written to the standard output: a driver that goes on reads there what stopped
+its table. The process ends with its driver, and when the port is unplugged.
 """
 
 from collections.abc import Sequence
+import contextlib
 import os
 import select
 import sys
@@ -24,7 +26,8 @@ _WRITE_S = 0.3
 _RETRY_S = 0.01
 # Times that the bytes are sent to a driver that hangs: it may send something in between.
 _REPEATS = 3
-LIT, DARK, END = b'1', b'0', b'q'
+LIT, DARK, END, ACTED = b'1', b'0', b'q', b'!'
+_STANDARD_OUTPUT = 1
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -52,6 +55,8 @@ def watch(port: int, beats: int, timeout: float, steps: Sequence[tuple[bytes, fl
         if not events:
             # no beat: the driver hangs, or was stopped
             if lit and fired < _REPEATS:
+                if not fired:
+                    report()
                 send(port, steps)
                 fired += 1
             continue
@@ -63,6 +68,13 @@ def watch(port: int, beats: int, timeout: float, steps: Sequence[tuple[bytes, fl
             send(port, steps)
             return
         lit, fired = received[-1:] == LIT, 0
+
+
+def report() -> None:
+    """Tell the driver that the bytes are about to be sent."""
+    # the beam comes first
+    with contextlib.suppress(OSError):
+        os.write(_STANDARD_OUTPUT, ACTED)
 
 
 def send(port: int, steps: Sequence[tuple[bytes, float]]) -> None:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The supervisor of a cell whose nodes are programs that only sleep."""
 
+from contextlib import closing
 import os
 from pathlib import Path
 import signal
@@ -14,6 +15,8 @@ from support.graph_rig import node_environment
 from ivfmc_ros.cli.support.cell_run import CellRun
 from ivfmc_ros.cli.support.cell_run import write_simulated
 from ivfmc_ros.cli.support.client import cell_client
+from ivfmc_ros.cli.support.client import CellClient
+from ivfmc_ros.cli.support.client import result_of
 from ivfmc_ros.cli.support.processes import Processes
 from ivfmc_ros.cli.support.restarts import MOST
 from ivfmc_ros.cli.support.supervision import Supervisor
@@ -24,10 +27,10 @@ REFUSE = [sys.executable, '-c', 'import time, sys\nprint("up", flush=True)\nsys.
 
 
 class SleepingCell:
-    """Nodes ``camera`` and ``turntable`` that do nothing, and their supervisor."""
+    """Nodes that do nothing, and their supervisor."""
 
     def __init__(self, client, processes, said, run, restart):
-        self.processes, self.said = processes, said
+        self.client, self.processes, self.said = client, processes, said
         self.supervisor = Supervisor(
             run, processes, client, lambda name, line: said.append((name, line)), restart=restart
         )
@@ -55,7 +58,7 @@ def cells(tmp_path, monkeypatch):
         config=Path(tmp_path / 'none'),
         cell=cell,
         camera=camera,
-        nodes=['turntable', 'camera'],
+        nodes=['turntable', 'camera', 'orchestrator'],
     )
     said = []
     with (
@@ -64,7 +67,8 @@ def cells(tmp_path, monkeypatch):
     ):
 
         def start(*, restart=True, camera=SLEEP):
-            for name, program in (('turntable', SLEEP), ('camera', camera)):
+            programs = {'turntable': SLEEP, 'camera': camera, 'orchestrator': SLEEP}
+            for name, program in programs.items():
                 processes.start(name, program, os.environ, ready='up')
             return SleepingCell(client, processes, said, run, restart)
 
@@ -113,3 +117,32 @@ def test_node_that_ends_stops_the_cell_on_request(cells):
     os.kill(cell.processes.ids['camera'], signal.SIGKILL)
     with pytest.raises(HelperError, match='camera was killed by signal 9; the cell is taken down'):
         cell.check_until(lambda: False)
+
+
+def test_end_of_the_orchestrator_is_the_end_of_its_scan(cells):
+    cell = cells()
+    cell.client.status = {'scan_id': 'a', 'stage': 'SCANNING', 'profiles_done': '7'}
+    begin = time.monotonic()
+    os.kill(cell.processes.ids['orchestrator'], signal.SIGKILL)
+    found = []
+
+    def ended():
+        cell.client.spin(0.01)
+        found.append(result_of(cell.client.status, 'a'))
+        return found[-1]
+
+    cell.check_until(ended)
+    assert time.monotonic() - begin < 1.5
+    assert found[-1]['code'] == 'INTERRUPTED'
+    assert 'orchestrator was killed by signal 9' in found[-1]['detail']
+    assert cell.client.status['profiles_done'] == '7'
+
+
+def test_nothing_is_left_on_scan_status_when_the_orchestrator_comes_back(cells):
+    cell = cells()
+    cell.client.status = {'scan_id': 'a', 'stage': 'SCANNING'}
+    os.kill(cell.processes.ids['orchestrator'], signal.SIGKILL)
+    cell.check_until(lambda: 'orchestrator is started again' in cell.text().splitlines())
+    with closing(CellClient('/ivfmc')) as late:
+        late.spin(1.0)
+        assert late.status == {}
