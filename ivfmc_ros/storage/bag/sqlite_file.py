@@ -96,7 +96,7 @@ def _is_cut_off(file: Path) -> bool:
     if header is None:
         return True
     page_size, _, changes, pages, valid_for = header
-    is_page_size = _LEAST_PAGE <= page_size and page_size & (page_size - 1) == 0
+    is_page_size = page_size >= _LEAST_PAGE and page_size & (page_size - 1) == 0
     # what is wrong with another header SQLite says
     is_known = is_page_size and changes == valid_for
     return is_known and file.stat().st_size < pages * page_size
