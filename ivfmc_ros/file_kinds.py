@@ -30,6 +30,7 @@ _KEYS = {
 }
 _HEADS = {
     b'\x89MCAP0\r\n': 'an MCAP bag',
+    b'#ROSBAG V': 'a ROS 1 bag',
     b'SQLite format 3\x00': 'an SQLite file (a bag or the catalogue)',
     b'ply': 'a PLY mesh',
     b'solid ': 'an STL mesh',

@@ -72,8 +72,8 @@ def reconstruct(
     """
     Rebuild a part, or many.
 
-    BAG is a bag folder, the folder of an interrupted scan, or an .mcap file; its pictures are
-    measured again.
+    BAG is a bag folder, the folder of an interrupted scan, or an .mcap, .db3 or .bag file; its
+    pictures are measured again.
     SCAN_ID is a scan of the catalogue; its stored points are read from its bag.
     Of several sources, each has a folder below the output; results that are there already are
     kept, and one that fails does not end the others.

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Storage: damaged bags, large catalogues, many writers, offline speed, a cluster."""
+"""Storage: damaged bags, killed recorders, large catalogues, writers, offline speed, a cluster."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -19,6 +19,8 @@ import sqlalchemy as sql
 from support import postgres
 from support.batch_work import slow_work
 from support.batch_work import Task
+from support.killed_recorder import encoded_profiles
+from support.killed_recorder import kill_recorder
 from support.recordings import write_profiles
 
 from bench import at_least
@@ -37,6 +39,8 @@ from ivfmc_ros.storage.repair import repair_recording
 
 FLIPS = 1000
 PROFILES, PER_CHUNK = 40, 4
+# Kills of the recorder, seconds after its first profile, and points of a profile.
+KILLS, KILL_S, KILLED_POINTS = 50, (0.0, 2.0), 500
 SEED = 20261127
 SCANS_LISTED = 100_000
 WRITERS, UPDATES = 64, 20
@@ -51,6 +55,7 @@ def run() -> Iterator[Number]:
         folder = Path(name)
         yield from flips(folder / 'flips')
         yield from cuts(folder / 'cuts')
+        yield from kills(folder / 'kills')
         yield from large_catalogue(folder / 'sqlite', '', 'sqlite')
         if postgres.programs() is None:
             print('storage: no PostgreSQL on this machine: its figures are left out')
@@ -144,6 +149,25 @@ def cuts(folder: Path) -> Iterator[Number]:
     yield Number('cuts_wrong', damage.counts['wrong'], 'bags', at_most(0), note)
     yield Number('cuts_crashes', damage.counts['crashes'], 'bags', at_most(0))
     yield Number('cuts_slowest', damage.slowest, 's', at_most(10.0), 'read, checked and repaired')
+
+
+def kills(folder: Path) -> Iterator[Number]:
+    """Kill a recorder at random moments, and look for what it had acknowledged."""
+    messages = encoded_profiles(KILLED_POINTS)
+    rng = random.Random(SEED)
+    found = [
+        kill_recorder(folder / str(number) / 's1', messages, rng.uniform(*KILL_S))
+        for number in range(KILLS)
+    ]
+    for kill in found:
+        if kill.fault:
+            print(f'storage: killed recorder: {kill.fault}')
+    acknowledged = sum(kill.acknowledged for kill in found)
+    note = f'of {acknowledged} acknowledged profiles, {KILLS} kills of the recorder in mid-scan'
+    yield Number('kills_lost', sum(kill.lost for kill in found), 'profiles', at_most(0), note)
+    yield Number('kills_wrong', sum(kill.wrong for kill in found), 'profiles', at_most(0))
+    unrepaired = sum(bool(kill.fault) for kill in found)
+    yield Number('kills_unrepaired', unrepaired, 'bags', at_most(0))
 
 
 def large_catalogue(root: Path, url: str, name: str) -> Iterator[Number]:

@@ -118,7 +118,7 @@ def rebuild(scan_ids: tuple[str, ...], root: Path, url: str, as_json: bool) -> N
     as catalogue.sqlite3.damaged.
     """
     catalogue = _fresh_catalogue(root, url)
-    folders = [root / name for name in scan_ids] if scan_ids else scan_folders(root)
+    folders = [_named_folder(root, name) for name in scan_ids] or scan_folders(root)
     documents, failed = [], []
     for folder in folders:
         try:
@@ -137,6 +137,13 @@ def rebuild(scan_ids: tuple[str, ...], root: Path, url: str, as_json: bool) -> N
         print_json(documents)
     if failed:
         raise FileError(f'{len(failed)} of {len(folders)} scans could not be rebuilt')
+
+
+def _named_folder(root: Path, name: str) -> Path:
+    """:raises FileError: the name leads to another place."""
+    if Path(name).name != name or name == '..':
+        raise FileError(f'{name}: is not the name of a folder in {root}')
+    return root / name
 
 
 def _fresh_catalogue(root: Path, url: str) -> Catalogue:

@@ -11,8 +11,8 @@ from typing import Any
 
 from ivfmc_ros.cli.support.client import CellClient
 from ivfmc_ros.errors import HelperError
+from ivfmc_ros.storage.bag.bag_file import RawMessage
 from ivfmc_ros.storage.bag.reader import Bag
-from ivfmc_ros.storage.bag.reader import RawMessage
 from ivfmc_ros.storage.messages import cdr
 from ivfmc_ros.storage.messages.image_decoding import decode_compressed
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader

@@ -158,7 +158,7 @@ def bag_of(source: str) -> Path | None:
     bag = Path(source)
     if bag.exists():
         return bag
-    if '/' in source or source.endswith(('.mcap', '.mcap.part')):
+    if '/' in source or source.endswith(('.mcap', '.mcap.part', '.db3', '.bag')):
         raise FileError(f'{source}: there is no such bag')
     return None
 

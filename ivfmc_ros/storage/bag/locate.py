@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Finds the MCAP files of a bag folder, also of a recording that was interrupted."""
+"""Finds the files of a bag folder, also of a recording that was interrupted."""
 
 from pathlib import Path
 import re
@@ -13,10 +13,11 @@ from ivfmc_ros.storage.bag import metadata
 PART_SUFFIX = '.part'
 
 _SUFFIX = '.mcap'
+_SUFFIXES = (_SUFFIX, '.db3', '.bag')
 # rosbag2's compression mode 'file' adds the name of the format.
-_COMPRESSED = (f'{_SUFFIX}.zstd', f'{_SUFFIX}.zst')
+_COMPRESSED = tuple(suffix + end for suffix in _SUFFIXES for end in ('.zstd', '.zst'))
 # rosbag2 names the files of a split recording <bag>_0.mcap, <bag>_1.mcap and so on.
-_SPLIT_NAME = re.compile(r'(.*)_([0-9]+)\.mcap')
+_SPLIT_NAME = re.compile(r'(.*)_([0-9]+)(\.mcap|\.db3)')
 
 
 def is_unfinished(file: Path) -> bool:
@@ -26,7 +27,7 @@ def is_unfinished(file: Path) -> bool:
 
 def find_files(path: Path) -> tuple[tuple[Path, ...], str]:
     """
-    Return the MCAP files of a bag in recording order, and a remark on what is missing, or ''.
+    Return the files of a bag in recording order, and a remark on what is missing, or ''.
 
     path : bag folder, or a file
     :raises BagError: the folder is not a bag, or it is not clear which files belong to it
@@ -38,7 +39,7 @@ def find_files(path: Path) -> tuple[tuple[Path, ...], str]:
         return tuple(metadata.bag_files(path)), ''
     file_names = _names(path)
     _refuse_compressed(path, file_names)
-    complete = [path / name for name in file_names if name.endswith(_SUFFIX)]
+    complete = [path / name for name in file_names if name.endswith(_SUFFIXES)]
     parts = [path / name for name in file_names if name.endswith(_SUFFIX + PART_SUFFIX)]
     if not complete and len(parts) == 1:
         return tuple(parts), _unfinished_remark(parts[0])
@@ -77,6 +78,6 @@ def _names(folder: Path) -> list[str]:
 
 def _is_split_recording(files: list[Path]) -> bool:
     found = [_SPLIT_NAME.fullmatch(file.name) for file in files]
-    stems = {match.group(1) for match in found if match}
+    stems = {match.group(1, 3) for match in found if match}
     numbers = [int(match.group(2)) for match in found if match]
     return len(stems) == 1 and numbers == list(range(len(files)))

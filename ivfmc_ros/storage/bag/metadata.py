@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads and writes ``metadata.yaml``, the description of a bag folder for rosbag2."""
 
+from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from pathlib import PurePath
 from typing import Any
 
 import yaml
@@ -13,6 +15,7 @@ from ivfmc_ros.errors import BagError
 from ivfmc_ros.storage.messages import cdr
 
 FILE_NAME = 'metadata.yaml'
+_STORAGES = ('mcap', 'sqlite3')
 
 # Version of the format that rosbag2 of ROS 2 Jazzy writes.
 VERSION = 9
@@ -157,40 +160,61 @@ class _DumperWithoutAliases(yaml.SafeDumper):
 
 def bag_files(folder: Path) -> list[Path]:
     """
-    Return the MCAP files of a bag folder in recording order.
+    Return the files of a bag folder in recording order.
 
-    :raises BagError: metadata.yaml is missing or invalid, or the bag is not plain MCAP
+    :raises BagError: metadata.yaml is missing or invalid, or the bag is not plain MCAP or SQLite
     """
     path = folder / FILE_NAME
     info = _read(path)
     storage = info.get('storage_identifier')
-    names = info.get('relative_file_paths')
-    # ros2 bag reindex leaves the identifier empty
-    is_mcap = storage == 'mcap' or (not storage and _are_mcap(names))
-    if not is_mcap:
+    # ros2 bag reindex leaves the identifier empty; the files say what they are
+    if storage and storage not in _STORAGES:
         raise BagError(
-            f'{path}: the bag is stored as {storage!r}, only mcap can be read; '
-            'convert it with ros2 bag convert'
+            f'{path}: the bag is stored as {storage!r}, only {" and ".join(_STORAGES)} can be '
+            'read; convert it with ros2 bag convert'
         )
     if info.get('compression_mode'):
         raise BagError(
             f'{path}: rosbag2 compressed the bag by {info["compression_mode"]}; convert it with '
             'ros2 bag convert to one without (chunks of the MCAP may be compressed)'
         )
+    names = info.get('relative_file_paths')
     if not isinstance(names, list) or not names:
         raise BagError(f'{path}: relative_file_paths: must be a list of files')
-    return [folder / str(name) for name in names]
+    # ROS 2 Dashing wrote the folder before the name; no file outside of the bag belongs to it
+    files = [folder / PurePath(str(name)).name for name in names]
+    twice = [file.name for file in files if files.count(file) > 1]
+    if twice:
+        raise BagError(f'{path}: relative_file_paths: has {twice[0]} more than once')
+    return files
+
+
+def contradiction(folder: Path, counts: Mapping[str, int]) -> str:
+    """
+    Return in what metadata.yaml differs from the files of a bag, '' where it does not.
+
+    counts : number of messages by topic that the files have
+    """
+    path = folder / FILE_NAME
+    try:
+        stated = stated_counts(folder)
+    except BagError as error:
+        return str(error)
+    for topic in sorted(stated.keys() | counts.keys()):
+        if stated.get(topic, 0) != counts.get(topic, 0):
+            return (
+                f'{path}: states {stated.get(topic, 0)} messages of {topic}, the files have '
+                f'{counts.get(topic, 0)}'
+            )
+    return ''
 
 
 def not_a_bag_error(folder: Path) -> BagError:
     """Return the error for a folder without bag files."""
     return BagError(
-        f'{folder}: has no {FILE_NAME} and is not a bag; name an .mcap file or a bag folder'
+        f'{folder}: has no {FILE_NAME} and is not a bag; name an .mcap, .db3 or .bag '
+        'file, or a bag folder'
     )
-
-
-def _are_mcap(names: object) -> bool:
-    return isinstance(names, list) and all(str(name).endswith('.mcap') for name in names)
 
 
 def _read(path: Path) -> dict[str, Any]:

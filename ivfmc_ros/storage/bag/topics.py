@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ivfmc_ros.errors import BagError
+from ivfmc_ros.storage.bag.bag_file import Topic
 from ivfmc_ros.storage.bag.reader import Bag
-from ivfmc_ros.storage.bag.reader import Topic
 from ivfmc_ros.storage.messages import cdr
 from ivfmc_ros.storage.messages.sensor_messages import CAMERA_INFO
 from ivfmc_ros.storage.messages.sensor_messages import COMPRESSED_IMAGE
@@ -58,11 +58,14 @@ def find_scan_topics(bag: Bag, chosen: Mapping[str, str] | None = None) -> ScanT
 
     chosen : role ('image', 'camera_info', 'joint_states', 'laser_states', 'profile') -> topic,
         as the user chose
-    :raises BagError: images or joint states are missing, or several topics fit a role
+    :raises BagError: there are no messages, images or joint states are missing, or several topics
+        fit a role
     """
     chosen = chosen or {}
     for role in chosen:
         require_one_of(f'{bag.path}: topic', role, _ROLES, error=BagError)
+    if not bag.message_count:
+        raise BagError(f'{bag.path}: has no messages; it has {bag.listing()}')
     image = _required(bag, 'image', chosen)
     return ScanTopics(
         image=image,

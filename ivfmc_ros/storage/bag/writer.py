@@ -172,6 +172,15 @@ class BagWriter:
         self.pending_bytes = self._pending_messages = 0
         return offset
 
+    def sync(self) -> None:
+        """
+        Wait until the chunks that were written are on the disk, where a power cut spares them.
+
+        :raises FileError: the file cannot be written
+        """
+        with self._named_errors():
+            os.fdatasync(self._stream.fileno())
+
     def finish(self) -> Path:
         """
         Write the index and ``metadata.yaml``, and rename the file to ``scan.mcap``.

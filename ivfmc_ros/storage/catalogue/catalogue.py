@@ -14,6 +14,7 @@ from datetime import datetime
 from datetime import UTC
 import json
 from pathlib import Path
+from pathlib import PurePath
 from typing import Any
 
 import sqlalchemy as sql
@@ -308,9 +309,21 @@ class Catalogue:
     def _scan_row(self, row: Mapping[str, Any]) -> ScanRow:
         values = dict(row)
         values['key'] = values.pop('id')
+        self._require_inside(values)
         values['folder'] = folder_of_cell(self.root, values['cell']) / values['folder']
         values['parameters'] = json.loads(values['parameters'])
         return ScanRow(**values)
+
+    def _require_inside(self, values: Mapping[str, Any]) -> None:
+        """:raises CatalogueError: a row names a folder outside of that of the scans."""
+        folder, cell = PurePath(values['folder']), values['cell']
+        is_inside = folder.parts and not folder.is_absolute() and '..' not in folder.parts
+        is_name = '/' not in cell and cell not in ('.', '..')
+        if not is_inside or (_CELL_FIELD in str(self.root) and not is_name):
+            raise CatalogueError(
+                f'{self.database.label}: scan {values["scan_id"]!r}: its folder '
+                f'{values["folder"]!r} of cell {cell!r} is not below {self.root}'
+            )
 
     def _select(self, query: Any) -> list[Mapping[str, Any]]:
         with self.database.read() as connection:

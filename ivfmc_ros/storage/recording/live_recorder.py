@@ -103,6 +103,7 @@ class LiveRecorder:
         self._queue: queue.Queue[_QueuedMessage | None] = queue.Queue()
         self._recorded = _ContiguousCounter()
         self._chunk: list[tuple[_QueuedMessage, int]] = []
+        self._view: int | None = None
         self._bag = BagWriter(folder, compress=compress, chunk_bytes=None)
         self._thread = threading.Thread(target=self._run, name='recorder', daemon=True)
         self._thread.start()
@@ -229,6 +230,13 @@ class LiveRecorder:
             self._recorded.add(location.header.seq)
         if locations:
             self._on_flush(locations)
+            self._sync_ended_view(locations[-1].header.view)
+
+    def _sync_ended_view(self, view: int) -> None:
+        """Force the views before this one to the disk; ``finish`` does so for the last one."""
+        if self._view is not None and view != self._view:
+            self._bag.sync()
+        self._view = view
 
     def _fail(self, error: str) -> None:
         """Store the error and discard messages until ``stop``, so that the queue never fills."""

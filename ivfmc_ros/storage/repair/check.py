@@ -3,15 +3,17 @@
 """
 Checks a recording without changing it: CRCs, index, metadata.yaml, and what is missing.
 
-A recording is a bag folder, the folder of a scan, or one MCAP file, finished or not.
+A recording is a bag folder, the folder of a scan, or one file, finished or not.
 """
 
 from collections import Counter
 from collections import defaultdict
+from collections.abc import Callable
 from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
 from pathlib import Path
+from typing import Any
 
 from mcap.records import Channel
 from mcap.records import Header
@@ -20,9 +22,13 @@ from mcap.records import Schema
 
 from ivfmc_ros.errors import BagError
 from ivfmc_ros.errors import MessageError
+from ivfmc_ros.storage.bag import mcap_file
 from ivfmc_ros.storage.bag import metadata
+from ivfmc_ros.storage.bag import sqlite_file
 from ivfmc_ros.storage.bag.locate import find_files
 from ivfmc_ros.storage.bag.locate import is_unfinished
+from ivfmc_ros.storage.bag.reader import format_of
+from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.bag.recovery import DamagedPart
 from ivfmc_ros.storage.bag.recovery import IntactPart
 from ivfmc_ros.storage.bag.recovery import known_channels
@@ -45,14 +51,15 @@ LIBRARY = 'ivfmc_ros'
 @dataclass(frozen=True, kw_only=True)
 class FileCheck:
     """
-    What one MCAP file of a recording has.
+    What one file of a recording has.
 
     chunks, unchecked : number of intact chunks, and of those of them without a CRC
     loose : number of messages outside of chunks, which have no CRC of their own
     messages : number of readable messages by topic
     lost : number of messages by topic that are known to be lost
     unknown : number of messages whose topic is not known, because its description is lost
-    damaged : parts that cannot be read
+    damaged : parts of an MCAP file that cannot be read
+    faults : what is damaged in a file of another format
     index : what is wrong with the end of the file (index), '' where it is right
     profiles : headers of the profiles by seq
     """
@@ -65,13 +72,14 @@ class FileCheck:
     lost: Mapping[str, int] = field(default_factory=dict)
     unknown: int = 0
     damaged: tuple[DamagedPart, ...] = ()
+    faults: tuple[str, ...] = ()
     index: str = ''
     profiles: Mapping[int, ProfileHeader] = field(default_factory=dict)
 
     @property
     def is_sound(self) -> bool:
         """Whether nothing is damaged and the index is right."""
-        return not self.damaged and not self.index and not self.unknown
+        return not (self.damaged or self.faults or self.index or self.unknown)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +123,7 @@ class RecordingCheck:
         """Return what is wrong, a sentence each, for a person."""
         found = [self.metadata] if self.metadata else []
         for file in self.files:
-            found += [f'{file.path}: {part}' for part in file.damaged]
+            found += [f'{file.path}: {part}' for part in (*file.damaged, *file.faults)]
             found += [file.index] if file.index else []
             if file.unknown:
                 found.append(
@@ -166,10 +174,13 @@ def check_recording(
 
 
 def _without_metadata(folder: Path) -> tuple[Path, ...]:
-    """Return the MCAP files of a folder whose metadata.yaml cannot be used."""
+    """Return the files of a folder whose metadata.yaml cannot be used."""
     if not folder.is_dir() or not (folder / metadata.FILE_NAME).exists():
         return ()
-    return tuple(sorted(folder.glob('*.mcap'))) or tuple(sorted(folder.glob('*.mcap.part')))
+    found = (
+        sorted(folder.glob(pattern)) for pattern in ('*.mcap', '*.mcap.part', '*.db3', '*.bag')
+    )
+    return tuple(next(filter(None, found), ()))
 
 
 def _metadata_fault(folder: Path, checks: tuple[FileCheck, ...]) -> str:
@@ -177,28 +188,58 @@ def _metadata_fault(folder: Path, checks: tuple[FileCheck, ...]) -> str:
     path = folder / metadata.FILE_NAME
     if not path.exists():
         return f'{path}: is missing'
-    stated = metadata.stated_counts(folder)
     counted = dict(sum((Counter(check.messages) for check in checks), Counter()))
-    for topic in sorted(stated.keys() | counted.keys()):
-        if stated.get(topic, 0) != counted.get(topic, 0):
-            return (
-                f'{path}: states {stated.get(topic, 0)} messages of {topic}, the files have '
-                f'{counted.get(topic, 0)}'
-            )
-    return ''
+    return metadata.contradiction(folder, counted)
 
 
 def check_file(file: Path) -> FileCheck:
     """
-    Check one MCAP file.
+    Check one file.
 
-    :raises BagError: it cannot be read, or does not begin as MCAP
+    :raises BagError: it cannot be read, or is not of a bag
     """
+    found = format_of(file)
+    if found is not mcap_file:
+        faults = sqlite_file.structure_faults(file) if found is sqlite_file else []
+        return _check_other_format(file, faults)
     channels, schemas = known_channels(file)
     reading = _Reading(channels, schemas)
     for part in read_parts(file):
         reading.add(part)
     return reading.result(file)
+
+
+def _check_other_format(file: Path, faults: list[str]) -> FileCheck:
+    bag = open_bag(file, salvage=True)
+    decoders = {
+        name: bag.decoder(name)
+        for name, topic in bag.topics.items()
+        if name.endswith('/profile') and cdr.full_name(topic.msgtype) == POINT_CLOUD
+    }
+    counts: Counter[str] = Counter()
+    headers = {}
+    for raw in bag.messages(bag.topics):
+        counts[raw.topic] += 1
+        header = _profile_header(decoders.get(raw.topic), raw)
+        if header is not None:
+            headers[header.seq] = header
+    return FileCheck(
+        path=file,
+        messages=dict(counts),
+        loose=counts.total(),
+        faults=tuple(filter(None, [bag.damage, *faults])),
+        profiles=headers,
+    )
+
+
+def _profile_header(decode: Callable[[Any], Any] | None, message: Any) -> ProfileHeader | None:
+    """Return the header of a profile, None where the message is not one."""
+    if decode is None:
+        return None
+    try:
+        return read_profile_header(decode(message))
+    except (BagError, MessageError):
+        return None
 
 
 class _Reading:
@@ -279,13 +320,7 @@ class _ProfileTopics:
 
     def header(self, message: Message) -> ProfileHeader | None:
         """Return the header of a profile, None where the message is not one."""
-        decode = self._decoders.get(message.channel_id)
-        if decode is None:
-            return None
-        try:
-            return read_profile_header(decode(message.data))
-        except (BagError, MessageError):
-            return None
+        return _profile_header(self._decoders.get(message.channel_id), message.data)
 
 
 def _stated(file: Path, channels: Mapping[int, Channel]) -> tuple[dict[str, int], str]:

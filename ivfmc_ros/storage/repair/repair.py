@@ -16,6 +16,7 @@ from pathlib import Path
 
 from ivfmc_ros import files
 from ivfmc_ros.errors import FileError
+from ivfmc_ros.storage.bag import mcap_file
 from ivfmc_ros.storage.bag import metadata
 from ivfmc_ros.storage.bag.copying import CopiedFile
 from ivfmc_ros.storage.bag.copying import copy_file
@@ -23,6 +24,7 @@ from ivfmc_ros.storage.bag.copying import describe_file
 from ivfmc_ros.storage.bag.copying import merged_topics
 from ivfmc_ros.storage.bag.locate import is_unfinished
 from ivfmc_ros.storage.bag.locate import PART_SUFFIX
+from ivfmc_ros.storage.bag.reader import format_of
 from ivfmc_ros.storage.repair.check import check_recording
 from ivfmc_ros.storage.repair.check import FileCheck
 from ivfmc_ros.storage.repair.check import RecordingCheck
@@ -63,6 +65,7 @@ def repair_recording(
     if check.is_sound:
         return RepairedRecording(before=check, written=(), kept=())
     for file in check.files:
+        _require_mcap(file.path)
         _require_ended(file.path)
     written: list[Path] = []
     kept: list[Path] = []
@@ -73,6 +76,15 @@ def repair_recording(
     if path.is_dir() or any(is_unfinished(file.path) for file in check.files):
         _write_metadata(written, kept, path if path.is_dir() else path.parent, copies)
     return RepairedRecording(before=check, written=tuple(written), kept=tuple(kept))
+
+
+def _require_mcap(file: Path) -> None:
+    """:raises FileError: a file is of a format that is only read."""
+    if format_of(file) is not mcap_file:
+        raise FileError(
+            f'{file}: only MCAP is repaired; ivfmc reconstruct --salvage reads what is intact, '
+            'ros2 bag reindex writes metadata.yaml'
+        )
 
 
 def _require_ended(file: Path) -> None:

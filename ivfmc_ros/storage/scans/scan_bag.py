@@ -19,9 +19,9 @@ from ivfmc_ros.errors import CellError
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.model import Frame
 from ivfmc_ros.model import Image
+from ivfmc_ros.storage.bag.bag_file import RawMessage
 from ivfmc_ros.storage.bag.reader import Bag
 from ivfmc_ros.storage.bag.reader import open_bag
-from ivfmc_ros.storage.bag.reader import RawMessage
 from ivfmc_ros.storage.bag.topics import find_scan_topics
 from ivfmc_ros.storage.bag.topics import missing_topic_error
 from ivfmc_ros.storage.bag.topics import ScanTopics

@@ -11,9 +11,9 @@ from typing import Any
 
 from ivfmc_ros.errors import BagError
 from ivfmc_ros.errors import MessageError
+from ivfmc_ros.storage.bag.bag_file import RawMessage
+from ivfmc_ros.storage.bag.bag_file import Topic
 from ivfmc_ros.storage.bag.reader import Bag
-from ivfmc_ros.storage.bag.reader import RawMessage
-from ivfmc_ros.storage.bag.reader import Topic
 from ivfmc_ros.storage.bag.topics import ScanTopics
 from ivfmc_ros.storage.matching.table_transforms import child_frames
 from ivfmc_ros.storage.matching.table_transforms import table_states

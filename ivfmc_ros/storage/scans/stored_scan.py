@@ -24,8 +24,8 @@ from ivfmc_ros.errors import BagError
 from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.errors import CellError
 from ivfmc_ros.model import Profile
+from ivfmc_ros.storage.bag.bag_file import RawMessage
 from ivfmc_ros.storage.bag.reader import open_bag
-from ivfmc_ros.storage.bag.reader import RawMessage
 from ivfmc_ros.storage.bag.summary import READ_ERRORS
 from ivfmc_ros.storage.bag.summary import read_summary
 from ivfmc_ros.storage.bag.writer import FILE_NAME

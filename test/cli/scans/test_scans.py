@@ -1,6 +1,8 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+from contextlib import closing
 import json
+import sqlite3
 import zipfile
 
 import cv2
@@ -118,6 +120,43 @@ def test_deleted_scan_can_be_restored_until_the_trash_is_emptied(recorded, comma
     assert command('empty-trash', '--yes', *options).exit_code == 0
     assert isinstance(command('restore', FIRST, *options).exception, CatalogueError)
     assert not (recorded / '.trash' / FIRST).exists()
+
+
+@pytest.mark.parametrize('folder', ['../victim', '{victim}', '', '.', '.trash/../../victim'])
+@pytest.mark.parametrize('action', ['empty-trash', 'delete'])
+def test_folder_outside_of_the_scans_is_not_deleted(recorded, command, folder, action):
+    victim = recorded.parent / 'victim'
+    victim.mkdir()
+    (victim / 'file').write_text('x')
+    named = folder.format(victim=victim)
+    with closing(sqlite3.connect(recorded / 'catalogue.sqlite3')) as database:
+        deleted = '2026-11-27' if action == 'empty-trash' else ''
+        change = 'UPDATE scans SET folder = ?, deleted = ? WHERE scan_id = ?'
+        database.execute(change, (named, deleted, FIRST))
+        database.commit()
+    words = ['empty-trash'] if action == 'empty-trash' else ['delete', FIRST]
+    answer = command(*words, '--yes', '--scans', recorded)
+    assert isinstance(answer.exception, CatalogueError)
+    assert f"{FIRST}': its folder {named!r}" in str(answer.exception)
+    assert (victim / 'file').exists()
+    assert (recorded / FIRST).is_dir()
+
+
+def test_cell_whose_name_leaves_the_folder_is_refused(recorded):
+    with closing(sqlite3.connect(recorded / 'catalogue.sqlite3')) as database:
+        database.execute("UPDATE cells SET name = '../other'")
+        database.commit()
+    catalogue = Catalogue(recorded)
+    # as on a machine that has the scans of all cells of a plant
+    catalogue.root = recorded.parent / '{cell}'
+    with pytest.raises(CatalogueError, match=r"of cell '\.\./other' is not below"):
+        catalogue.scan(FIRST)
+
+
+def test_rebuild_of_a_folder_elsewhere_is_refused(recorded, command):
+    answer = command('rebuild', f'../{recorded.name}/{FIRST}', '--scans', recorded)
+    assert isinstance(answer.exception, FileError)
+    assert 'is not the name of a folder in' in str(answer.exception)
 
 
 def test_running_scan_is_not_deleted(recorded, command):

@@ -47,6 +47,25 @@ def test_interrupted_recording_is_read_as_far_as_it_goes(interrupted, form):
     assert '9 messages can be read (3 on /ivfmc/camera_info, 3 on' in said
 
 
+@pytest.mark.parametrize(
+    ('lie', 'said'),
+    [
+        (('message_count: 5', 'message_count: 7'), 'states 7 messages of /ivfmc/camera_info, the'),
+        (('name: /ivfmc/image_raw', 'name: /other'), 'states 0 messages of /ivfmc/image_raw, the'),
+        (('message_count: 5', 'message_count: many'), 'topics_with_message_count: is not valid'),
+    ],
+)
+def test_lying_metadata_is_said_and_the_files_are_read(write_bag, lie, said):
+    folder = write_bag()
+    path = folder / 'metadata.yaml'
+    path.write_text(path.read_text().replace(*lie))
+    scan = open_scan(folder)
+    assert scan.frame_count == 5
+    [remark] = scan.bag.remarks
+    assert f'metadata.yaml: {said}' in remark
+    assert remark.endswith('; the files are read')
+
+
 def test_split_recording_without_metadata_is_read_in_its_order(write_bag, tmp_path):
     bag = tmp_path / 'split'
     bag.mkdir()

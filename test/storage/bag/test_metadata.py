@@ -23,9 +23,27 @@ def test_files_of_a_split_bag_are_in_order(tmp_path):
     assert bag_files(_write(tmp_path)) == [tmp_path / 'b_0.mcap', tmp_path / 'b_1.mcap']
 
 
-def test_sqlite_bag_is_refused_by_name(tmp_path):
-    with pytest.raises(BagError, match="stored as 'sqlite3', only mcap can be read; convert"):
-        bag_files(_write(tmp_path, storage_identifier='sqlite3'))
+@pytest.mark.parametrize('storage', ['sqlite3', ''])
+def test_bag_of_sqlite_is_accepted(tmp_path, storage):
+    folder = _write(tmp_path, storage_identifier=storage, relative_file_paths=['b_0.db3'])
+    assert bag_files(folder) == [folder / 'b_0.db3']
+
+
+def test_unknown_storage_is_refused_by_name(tmp_path):
+    with pytest.raises(BagError, match="stored as 'tape', only mcap and sqlite3 can be read; con"):
+        bag_files(_write(tmp_path, storage_identifier='tape'))
+
+
+@pytest.mark.parametrize('name', ['../b_0.mcap', '/elsewhere/b_0.mcap', 'bag/b_0.mcap'])
+def test_no_file_outside_of_the_bag_belongs_to_it(tmp_path, name):
+    folder = _write(tmp_path, relative_file_paths=[name])
+    assert bag_files(folder) == [tmp_path / 'b_0.mcap']
+
+
+def test_file_that_is_listed_twice_is_named(tmp_path):
+    folder = _write(tmp_path, relative_file_paths=['b_0.mcap', 'b_0.mcap'])
+    with pytest.raises(BagError, match=r'relative_file_paths: has b_0\.mcap more than once'):
+        bag_files(folder)
 
 
 def test_bag_that_rosbag2_compressed_is_refused(tmp_path):

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from ivfmc_ros.errors import BagError
+from ivfmc_ros.storage.bag.bag_file import Topic
 from ivfmc_ros.storage.bag.reader import Bag
-from ivfmc_ros.storage.bag.reader import Topic
 from ivfmc_ros.storage.bag.topics import find_scan_topics
 
 IMAGE = 'sensor_msgs/msg/Image'

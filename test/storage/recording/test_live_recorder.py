@@ -1,5 +1,7 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+import os
 import threading
 import time
 
@@ -59,6 +61,26 @@ def test_bag_can_be_read_while_it_is_recorded(tmp_path):
     assert bag.topics[PROFILE].count == 1
     assert bag.damage is not None
     recorder.stop()
+
+
+def test_view_that_has_ended_is_forced_to_the_disk(tmp_path, monkeypatch):
+    sizes = []
+
+    def sync(number):
+        os.fsync(number)
+        sizes.append(os.fstat(number).st_size)
+
+    monkeypatch.setattr(os, 'fdatasync', sync)
+    recorder = LiveRecorder(tmp_path)
+    for seq, view in enumerate((0, 0, 1, 1, 2)):
+        add(recorder, seq, PROFILE, header=replace(header_of(seq), view=view))
+        wait_until(lambda seq=seq: recorder.recorded == seq)
+        if view == 0:
+            assert sizes == []
+    recorder.stop()
+    # when the first profile of view 1 and that of view 2 were in the file
+    assert len(sizes) == 2
+    assert 0 < sizes[0] < sizes[1] <= (tmp_path / 'scan.mcap').stat().st_size
 
 
 def test_recorded_excludes_profiles_after_a_missing_one(tmp_path):

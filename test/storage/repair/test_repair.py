@@ -5,6 +5,8 @@ import shutil
 
 import numpy as np
 import pytest
+from support.foreign_bags import write_ros1
+from support.foreign_bags import write_sqlite
 from support.recordings import START
 from support.recordings import write_profiles
 
@@ -194,3 +196,30 @@ def test_split_bag_is_repaired_file_by_file(tmp_path):
 def test_folder_without_a_recording_is_named(tmp_path):
     with pytest.raises(BagError, match='is not a bag'):
         check_recording(tmp_path)
+
+
+def test_sqlite_bag_is_verified_and_not_repaired(scan, tmp_path):
+    file = write_sqlite(scan, tmp_path / 'theirs')
+    check = check_recording(file.parent)
+    assert (check.is_sound, check.is_complete, check.messages) == (True, True, {PROFILE: 12})
+    assert sorted(check.files[0].profiles) == list(range(12))
+    assert '12 messages outside of chunks have no CRC' in ' '.join(check.lines())
+    data = file.read_bytes()
+    file.write_bytes(data[:-5000])
+    check = check_recording(file.parent)
+    assert not check.is_sound
+    assert 'is cut off' in ' '.join(check.lines())
+    with pytest.raises(FileError, match=r'theirs\.db3: only MCAP is repaired; .*--salvage'):
+        repair_recording(file.parent)
+
+
+def test_lying_metadata_of_a_sqlite_bag_is_named(scan, tmp_path):
+    path = write_sqlite(scan, tmp_path / 'theirs').with_name('metadata.yaml')
+    path.write_text(path.read_text().replace('message_count: 12', 'message_count: 13'))
+    assert 'states 13 messages of /ivfmc/profile' in check_recording(path.parent).metadata
+
+
+def test_ros1_bag_is_verified(scan, tmp_path):
+    check = check_recording(write_ros1(scan, tmp_path / 'theirs.bag'))
+    assert (check.is_sound, check.messages) == (True, {PROFILE: 12})
+    assert sorted(check.files[0].profiles) == list(range(12))

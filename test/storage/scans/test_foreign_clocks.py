@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags whose stamps cannot be used, and bags with transforms instead of joint states."""
 
-import math
-
 from mcap.writer import Writer
 import numpy as np
 import pytest
+from support.table_transform import transform
 
 from ivfmc_ros.errors import BagError
 from ivfmc_ros.storage.messages import cdr
@@ -17,21 +16,6 @@ SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 STEP = SECOND // 10
 COUNT = 8
-
-
-def transform(stamp_ns, frame, angle, tilt=0.0):
-    half = angle / 2
-    rotation = cdr.message(
-        'geometry_msgs/msg/Quaternion', x=tilt, y=0.0, z=math.sin(half), w=math.cos(half)
-    )
-    translation = cdr.message('geometry_msgs/msg/Vector3', x=0.0, y=0.0, z=0.0)
-    moved = cdr.message('geometry_msgs/msg/Transform', translation=translation, rotation=rotation)
-    return cdr.message(
-        'geometry_msgs/msg/TransformStamped',
-        header=cdr.header(stamp_ns, 'turntable_base'),
-        child_frame_id=frame,
-        transform=moved,
-    )
 
 
 @pytest.fixture

@@ -203,6 +203,11 @@ def test_several_lasers_need_laser_states(write_bag):
         open_scan(write_bag(), lasers=('left', 'right'))
 
 
+def test_bag_without_messages_is_named(write_bag):
+    with pytest.raises(BagError, match=r'bag: has no messages; it has no topics'):
+        open_scan(write_bag(count=0))
+
+
 def test_missing_joint_states_are_named(write_bag):
     with pytest.raises(BagError, match=r'bag: has no topic joint_states .* it has /ivfmc/camera_'):
         open_scan(write_bag(joints=False))
