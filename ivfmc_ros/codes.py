@@ -148,7 +148,7 @@ CODES = {
     ),
     'POSITION_LOST': Code(
         'The motion controller restarted, or the table is not where its motion should have taken '
-        'it.',
+        'it, by its reports or by the index mark.',
         'Call `turntable/home` or `turntable/clear_alarm`, then scan again.',
     ),
     'CONTROLLER_REFUSED': Code(
