@@ -1,10 +1,10 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Hardware: motion controllers of each firmware, their faults, and the guard of the beam.
+Hardware: motion controllers of each firmware, cameras, their faults, the guard of the beam.
 
-All controllers are emulated on pseudo-terminals, in real time: the group takes some ten minutes,
-and other work on the computer shows in its times.
+All controllers are emulated on pseudo-terminals, and cameras below OpenCV, in real time: the group
+takes some ten minutes, and other work on the computer shows in its times.
 """
 
 from collections.abc import Callable
@@ -20,6 +20,8 @@ from hypothesis import given
 import numpy as np
 from support import controller_faults as faults
 from support import controller_features as features
+from support.camera_faults import CAMERA_FAULTS
+from support.camera_faults import camera_outcome
 from support.controllers import connected
 from support.controllers import emulated
 from support.controllers import FIRMWARES
@@ -46,6 +48,7 @@ def run() -> Iterator[Number]:
     yield from controllers()
     yield from controller_faults()
     yield from refusals()
+    yield from camera_faults()
     yield from kills()
     yield from fuzzing()
     yield from many_moves()
@@ -92,6 +95,19 @@ def refusals() -> Iterator[Number]:
         # without the path of the temporary folder
         note = re.sub(r'/\S*/controller', 'PORT', error)
         yield Number(f'{case}: refused', seconds, 's', at_most(15.0), note)
+
+
+def camera_faults() -> Iterator[Number]:
+    """Fault by fault of a USB camera, emulated below OpenCV: seconds until the driver says it."""
+    for fault in CAMERA_FAULTS:
+        with tempfile.TemporaryDirectory() as folder:
+            found = camera_outcome(fault, Path(folder))
+        good = found.recovered_s < math.inf
+        after = (
+            f'next picture {found.recovered_s:.1f} s later' if good else 'BAD, no picture later'
+        )
+        note = f'{found.text or "no fault"}; {after}'
+        yield Number(f'{fault.name}: said', found.said_s, 's', at_most(2.0), note)
 
 
 def kills() -> Iterator[Number]:
