@@ -3,6 +3,7 @@
 """Kills processes of a cell in a sweep with the beam on, and measures when the beam is off."""
 
 from collections.abc import Iterator
+import contextlib
 from contextlib import contextmanager
 import math
 from pathlib import Path
@@ -120,8 +121,9 @@ def beam_off_after_kill(cell: FaultCell, part: str, number: signal.Signals) -> f
     time.sleep(0.5)
     seconds = cell.beam_off_after(begin_s)
     if part == 'orchestrator':
-        # ivfmc up starts it again
-        cell.signal(part, signal.SIGKILL)
+        # ivfmc up starts it again, and has killed one that hung
+        with contextlib.suppress(ProcessLookupError):
+            cell.signal(part, signal.SIGKILL)
     else:
         cell.kill()
     return seconds
