@@ -126,7 +126,9 @@ CODES = {
     ),
     'DEVICE': Code('A device does not do what it was commanded.', _RETRY),
     'HELPER': Code('A node answered that it could not do its work.', _RETRY),
-    'CAMERA_LOST': Code('The camera gives no pictures, or its node is silent.', _NODE),
+    'CAMERA_LOST': Code(
+        'The camera gives no pictures, or always the same one, or its node is silent.', _NODE
+    ),
     'TURNTABLE_LOST': Code('The node of the motion controller is silent.', _NODE),
     'JOINT_STATES_LOST': Code('`joint_states` no longer reports the table.', _NODE),
     'TRIANGULATOR_LOST': Code('The triangulator is silent.', _NODE),
@@ -148,7 +150,7 @@ CODES = {
     ),
     'POSITION_LOST': Code(
         'The motion controller restarted, or the table is not where its motion should have taken '
-        'it.',
+        'it, by its reports or by the index mark.',
         'Call `turntable/home` or `turntable/clear_alarm`, then scan again.',
     ),
     'CONTROLLER_REFUSED': Code(

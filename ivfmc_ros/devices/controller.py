@@ -72,6 +72,7 @@ class ControllerState:
         the epoch; 0 while it has acknowledged none
     homed : the position is that of the home switch, or was accepted by the operator
     firmware : name and version of the controller's firmware, '' while it is not connected
+    index_mark : what an index mark of the table told, '' without one
     """
 
     stamp_ns: int
@@ -85,6 +86,7 @@ class ControllerState:
     lasers_ns: int
     homed: bool = False
     firmware: str = ''
+    index_mark: str = ''
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,6 +22,9 @@ OUTPUTS = (
     *(f'laser{number}' for number in range(1, 5)),
 )
 
+# Letters of inputs in the reports of GRBL 1.1: limit switches, and P, the probe.
+INDEX_PINS = ('X', 'Y', 'Z', 'P')
+
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerSettings:
@@ -38,6 +41,8 @@ class ControllerSettings:
     lasers : output of each laser by its name, see OUTPUTS
     power : 0 to 1, of a laser on an output that can be dimmed
     home_timeout : seconds that homing may take
+    index_pin : letter of the input, see INDEX_PINS, that a switch on the table makes active once a
+        turn; '' without one
 
     :raises ParameterError: a value is out of range, or two lasers have one output
     """
@@ -50,6 +55,7 @@ class ControllerSettings:
     lasers: Mapping[str, str] = field(default_factory=dict)
     power: float = 1.0
     home_timeout: float = 120.0
+    index_pin: str = ''
 
     def __post_init__(self) -> None:
         require_one_of('controller', self.firmware, FIRMWARES)
@@ -57,6 +63,7 @@ class ControllerSettings:
         if not (math.isfinite(self.units_per_turn) and self.units_per_turn):
             raise ParameterError(f'units_per_turn: {self.units_per_turn} must be finite and not 0')
         require_in_range('power', self.power, 0.0, 1.0)
+        require_one_of('index_pin', self.index_pin, ('', *INDEX_PINS))
         unknown = [output for output in self.lasers.values() if output not in OUTPUTS]
         if unknown or len(set(self.lasers.values())) != len(self.lasers):
             raise ParameterError(

@@ -101,7 +101,14 @@ class CameraNode(LifecycleCellNode):
             self.status('not active')
         else:
             activity = '' if capture.fault else 'publishing images'
-            self.status(activity, pictures=capture.image_count, **capture.counts)
+            self.status(
+                activity, pictures=capture.image_count, fault=self._fault(), **capture.counts
+            )
+
+    def _fault(self) -> str:
+        """Return why the images cannot be measured, '' if they can; the orchestrator reads it."""
+        fault = '' if self._capture is None else self._capture.fault
+        return '' if fault == self._not_opened else fault or self._mismatch
 
     def _report_device(self, capture: Capture | None) -> None:
         fault = '' if capture is None else capture.fault

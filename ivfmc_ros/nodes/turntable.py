@@ -20,6 +20,7 @@ from ivfmc_ros.devices.any_controller import AnyController
 from ivfmc_ros.devices.beam import BeamInterlock
 from ivfmc_ros.devices.controller import ControllerState
 from ivfmc_ros.devices.controller import fault_code
+from ivfmc_ros.devices.controller import POSITION_LOST
 from ivfmc_ros.devices.guard.beam_guard import BeamGuard
 from ivfmc_ros.devices.turntable import TurntableDriver
 from ivfmc_ros.errors import ParameterError
@@ -222,13 +223,14 @@ class TurntableNode(LifecycleCellNode):
             return
         state = driver.state()
         self._published_alarm = state.alarm
-        self._report(driver, state.alarm)
+        self._report(driver, state)
         self.status(
             'connected' if state.alarm is None else '',
             code=fault_code(state.alarm),
             alarm=state.alarm or '',
             firmware=state.firmware,
             homed=state.homed,
+            index_mark=state.index_mark,
             unknown_lines=self._log_unknown_lines(driver),
             position=f'{state.position:.6f}',
             reported=f'{state.reported:.6f}',
@@ -246,8 +248,11 @@ class TurntableNode(LifecycleCellNode):
             )
         return sum(counts.values())
 
-    def _report(self, driver: TurntableDriver, alarm: str | None) -> None:
+    def _report(self, driver: TurntableDriver, state: ControllerState) -> None:
+        alarm = state.alarm
         fault = driver.fault or driver.rejection
+        if alarm == POSITION_LOST and state.index_mark:
+            fault = f'{fault}; {state.index_mark}' if fault else state.index_mark
         if alarm == _CONNECTING or (alarm and fault == self._not_connected):
             text = f'connecting on {self.get("port")}'
             self.health.set(WAITING, _CONTROLLER, self.waiting_level(), text, 'connected')

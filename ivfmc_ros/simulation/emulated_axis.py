@@ -80,6 +80,10 @@ class EmulatedAxis:
             position, velocity = trajectory.state_at(self._motion, now)
         return self._whole_steps(position), velocity
 
+    def table_at(self, now: float) -> float:
+        """Return the physical position of the table, which slips do not hide."""
+        return self.state_at(now)[0] + self._origin + self._slip
+
     def queue_move(self, x: float, relative: bool, feed: float | None) -> None:
         """Queue a move; ``feed`` in units per minute, None for the maximum rate."""
         last = self._queue[-1][0] if self._queue else self._position

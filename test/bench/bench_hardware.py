@@ -1,10 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Hardware: motion controllers of each firmware, their faults, and the guard of the beam.
+Hardware: motion controllers of each firmware, cameras, their faults, the guard of the beam.
 
-All controllers are emulated on pseudo-terminals, in real time: the group takes some ten minutes,
-and other work on the computer shows in its times.
+All controllers are emulated on pseudo-terminals, and cameras below OpenCV, in real time: the group
+takes some half an hour, most of it for cells that are killed, and other work on the computer shows
+in its times.
 """
 
 from collections.abc import Callable
@@ -20,6 +21,11 @@ from hypothesis import given
 import numpy as np
 from support import controller_faults as faults
 from support import controller_features as features
+from support.beam_kills import beam_off_after_kill
+from support.beam_kills import cell_for_kills
+from support.beam_kills import KILLED_PARTS
+from support.camera_faults import CAMERA_FAULTS
+from support.camera_faults import camera_outcome
 from support.controllers import connected
 from support.controllers import emulated
 from support.controllers import FIRMWARES
@@ -46,6 +52,7 @@ def run() -> Iterator[Number]:
     yield from controllers()
     yield from controller_faults()
     yield from refusals()
+    yield from camera_faults()
     yield from kills()
     yield from fuzzing()
     yield from many_moves()
@@ -94,14 +101,40 @@ def refusals() -> Iterator[Number]:
         yield Number(f'{case}: refused', seconds, 's', at_most(15.0), note)
 
 
+def camera_faults() -> Iterator[Number]:
+    """Fault by fault of a USB camera, emulated below OpenCV: seconds until the driver says it."""
+    for fault in CAMERA_FAULTS:
+        with tempfile.TemporaryDirectory() as folder:
+            found = camera_outcome(fault, Path(folder))
+        good = found.recovered_s < math.inf
+        after = (
+            f'next picture {found.recovered_s:.1f} s later' if good else 'BAD, no picture later'
+        )
+        note = f'{found.text or "no fault"}; {after}'
+        yield Number(f'{fault.name}: said', found.said_s, 's', at_most(2.0), note)
+
+
 def kills() -> Iterator[Number]:
-    """SIGKILL and SIGSTOP of the driver while a laser is on: seconds until it is off."""
+    """SIGKILL and SIGSTOP while a laser is on: seconds until it is off."""
     for number in (signal.SIGKILL, signal.SIGSTOP):
         seconds = [_killed(*KILLED[index % len(KILLED)], number) for index in range(KILLS)]
-        name = f'{number.name} of the driver: beam off'
-        within = sum(value < 1.0 for value in seconds)
-        yield Number(f'{name} within 1 s', within, f'of {KILLS}', at_least(KILLS))
-        yield Number(f'{name}, slowest', max(seconds), 's', at_most(1.0))
+        yield from _kill_rows('driver', number, seconds, 'of four firmwares in turn')
+    with cell_for_kills() as cell:
+        for part, note in KILLED_PARTS.items():
+            for number in (signal.SIGKILL, signal.SIGSTOP):
+                seconds = [beam_off_after_kill(cell, part, number) for _ in range(KILLS)]
+                yield from _kill_rows(part, number, seconds, note)
+
+
+def _kill_rows(
+    part: str, number: signal.Signals, seconds: list[float], note: str
+) -> Iterator[Number]:
+    name = f'{number.name} of the {part}: beam off'
+    within = sum(value < 1.0 for value in seconds)
+    yield Number(f'{name} within 1 s', within, f'of {KILLS}', at_least(KILLS), note)
+    # a beam that did not shine at the kill is no time
+    slowest = math.nan if any(map(math.isnan, seconds)) else max(seconds)
+    yield Number(f'{name}, slowest', slowest, 's', at_most(1.0))
 
 
 def fuzzing() -> Iterator[Number]:

@@ -93,6 +93,15 @@ def measuring_cases() -> list[FaultCase]:
         )
         for seconds in (0.5, 1.5)
     ]
+    cases += [
+        FaultCase(
+            name=f'camera: {text}',
+            stage='mid-sweep',
+            cause=partial(FaultCell.camera_fault, text=text),
+            request=FINE,
+        )
+        for text in ('unplug', 'freeze')
+    ]
     return cases + [
         FaultCase(
             name=f'clock of {whose} set by {seconds:+g} s',

@@ -21,6 +21,7 @@ from std_srvs.srv import Trigger
 from ivfmc_ros.cli.support.cell_run import NODES
 from ivfmc_ros.errors import BagError
 from ivfmc_ros.errors import FileError
+from ivfmc_ros.files import write_text
 from ivfmc_ros.meshing.io.export import write_solid
 from ivfmc_ros.nodes.framework import qos
 from ivfmc_ros.simulation.live.folder import LiveFolder
@@ -177,22 +178,28 @@ class FaultCell:
         self._clocks.mkdir(parents=True, exist_ok=True)
         for name in ('all', *NODES):
             (self._clocks / name).write_bytes(struct.pack('d', 0.0))
-        options = ['--home-switch'] if self.home_switch else []
         self._cell = Cell(
             folder,
-            *small_cell_options(self._folder),
-            *options,
-            '--part',
-            str(self._part_file()),
+            *self.options(),
             PYTHONPATH=str(CLOCK_STEP),
             IVFMC_CLOCK_STEP=str(self._clocks),
         )
         ready = self.client.wait(self._is_ready, START_S) and self.running
         assert ready, f'the cell is not up: {self.log}'
-        self._truth = TruthReader(LiveFolder(folder / 'simulation').truth)
+        self._truth = TruthReader(self.live_folder.truth)
         if self.home_switch:
             success, answer = self.client.trigger('turntable/home')
             assert success, answer
+
+    def options(self) -> list[str]:
+        """Return the options of ``ivfmc up``."""
+        switch = ['--home-switch'] if self.home_switch else []
+        return [*small_cell_options(self._folder), *switch, '--part', str(self._part_file())]
+
+    @property
+    def live_folder(self) -> LiveFolder:
+        """Folder of the simulated hardware."""
+        return LiveFolder(self._folder / f'cell_{self.restarts:03d}' / 'simulation')
 
     def _part_file(self) -> Path:
         path = self._folder / f'{_PART}.stl'
@@ -229,6 +236,12 @@ class FaultCell:
             for pid in left:
                 os.kill(pid, signal.SIGKILL)
 
+    def kill(self) -> None:
+        """Kill all processes of the cell."""
+        cell, self._cell = self._cell, None
+        if cell is not None:
+            cell.kill()
+
     def processes(self) -> set[int]:
         """Return the process ids of the cell, those of helpers included."""
         return self._cell.processes() if self._cell else set()
@@ -242,6 +255,12 @@ class FaultCell:
         """Send a signal to a node."""
         os.kill(self._pids[node], number)
 
+    def signal_all(self, number: int) -> None:
+        """Send a signal to ``ivfmc up``, then to every node."""
+        assert self._cell is not None
+        for pid in (self._cell.up.pid, *self._pids.values()):
+            os.kill(pid, number)
+
     def resume_processes(self) -> list[str]:
         """Continue the nodes that are stopped; returns their names."""
         stopped = [node for node, pid in self._pids.items() if _is_stopped(pid)]
@@ -253,9 +272,12 @@ class FaultCell:
 
     def controller_fault(self, text: str) -> None:
         """Cause a fault of the motion controller, see ControllerEmulator.fault."""
-        folder = self._folder / f'cell_{self.restarts:03d}' / 'simulation'
-        with LiveFolder(folder).faults.open('w', encoding='utf-8') as pipe:
+        with self.live_folder.faults.open('w', encoding='utf-8') as pipe:
             pipe.write(f'{text}\n')
+
+    def camera_fault(self, text: str) -> None:
+        """Cause a fault of the camera, see LiveFolder; '' ends it."""
+        write_text(self.live_folder.camera_fault, text)
 
     def set_clock(self, seconds: float, whose: str = 'all') -> None:
         """Set the wall clock of all processes, or of one node, by ``seconds``."""

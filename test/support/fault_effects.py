@@ -246,6 +246,7 @@ def repair(cell: FaultCell, *, plug: bool) -> list[str]:
     if cell.running:
         # a line that loses bytes is a fault of one case
         cell.controller_fault('drop 0')
+        cell.camera_fault('')
         done += [f'{node} was continued' for node in cell.resume_processes()]
         if plug:
             cell.controller_fault('plug')

@@ -4,6 +4,7 @@
 
 from collections.abc import Callable
 from collections.abc import Iterator
+from collections.abc import Mapping
 from contextlib import contextmanager
 import json
 import os
@@ -37,14 +38,19 @@ def node_environment() -> dict[str, str]:
     """Environment of every process of a test, in a ROS domain of its own on this machine."""
     alone = {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     found = environment.child_environment(**alone)
-    return {**found, 'PYTHONPATH': os.pathsep.join([str(ROOT), found.get('PYTHONPATH', '')])}
+    paths = [str(ROOT), str(ROOT / 'test'), found.get('PYTHONPATH', '')]
+    return {**found, 'PYTHONPATH': os.pathsep.join(paths)}
 
 
 class NodeProcess:
     """A node in a process of its own."""
 
-    def __init__(self, name: str, **parameters: Any) -> None:
+    def __init__(
+        self, name: str, remappings: Mapping[str, str] | None = None, **parameters: Any
+    ) -> None:
         arguments = [*self.command(name), '--ros-args']
+        for before, after in (remappings or {}).items():
+            arguments += ['-r', f'{before}:={after}']
         for key, value in parameters.items():
             text = value if isinstance(value, str) else json.dumps(value)
             arguments += ['-p', f'{key.replace("__", ".")}:={text}']
@@ -78,9 +84,11 @@ class NodeProcess:
 
 
 @contextmanager
-def running(name: str, **parameters: Any) -> Iterator[NodeProcess]:
+def running(
+    name: str, remappings: Mapping[str, str] | None = None, **parameters: Any
+) -> Iterator[NodeProcess]:
     """A node that must still run at the end of the block, and exit with 0 after SIGINT."""
-    node = NodeProcess(name, **parameters)
+    node = NodeProcess(name, remappings, **parameters)
     try:
         yield node
         assert node.alive, node.end()

@@ -22,7 +22,6 @@ class Capture:
     """
     Calls ``deliver`` in a thread of its own with each image of a camera.
 
-    fault : why there are no images, '' while they arrive
     image_count : images delivered since the object was made
     """
 
@@ -43,7 +42,9 @@ class Capture:
         self._watch = FrameWatch() if watched else None
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
-        self.fault = 'the camera is not open yet'
+        # steady second of the last image, or of the opening; None while the camera is not open
+        self._last_s: float | None = None
+        self._fault = 'the camera is not open yet'
         self.image_count = 0
 
     def start(self) -> None:
@@ -58,6 +59,19 @@ class Capture:
         thread, self._thread = self._thread, None
         if thread is not None:
             thread.join()
+
+    @property
+    def fault(self) -> str:
+        """
+        Why there are no images, '' while they arrive.
+
+        Judged by their age, because a camera that hangs may keep the thread waiting for long.
+        """
+        last, fault = self._last_s, self._fault
+        allowed = _LOST_AFTER + 1 / self._exposure.frame_rate
+        if last is not None and time.monotonic() - last > allowed:
+            return 'the camera delivers no images'
+        return fault
 
     @property
     def warning(self) -> str:
@@ -81,22 +95,21 @@ class Capture:
                 self._grab_loop()
             except Exception as error:  # of the camera or of ``deliver``: report it, go on
                 is_device_error = isinstance(error, DeviceError)
-                self.fault = str(error) if is_device_error else f'{type(error).__name__}: {error}'
+                self._last_s = None
+                self._fault = str(error) if is_device_error else f'{type(error).__name__}: {error}'
                 self._closing.wait(_RETRY_PERIOD)
             finally:
                 self._camera.close()
 
     def _grab_loop(self) -> None:
-        watch, last = self._watch, time.monotonic()
+        watch, self._last_s = self._watch, time.monotonic()
         if watch is not None:
             watch.restart()
         while not self._closing.is_set():
             image = self._camera.grab(_GRAB_TIMEOUT)
             now, period = time.monotonic(), 1 / self._exposure.frame_rate
             if image is None or not (watch is None or watch.accepts(image, period, now)):
-                if now - last > _LOST_AFTER + period:
-                    self.fault = 'the camera delivers no images'
                 continue
-            last, self.fault = now, '' if watch is None else watch.fault
+            self._last_s, self._fault = now, '' if watch is None else watch.fault
             self.image_count += 1
             self._deliver(image)

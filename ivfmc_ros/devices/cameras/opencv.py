@@ -78,6 +78,8 @@ class OpencvCamera:
         # an image that waited in a queue would get a stamp that is too late
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         self._apply_exposure()
+        # of a camera that was opened: while none is plugged in, it has no serial number
+        self._serial = serial_number(self._device)
         self._failures = 0
 
     def grab(self, timeout: float) -> CameraImage | None:
@@ -118,9 +120,7 @@ class OpencvCamera:
 
     def _require_same_camera(self) -> None:
         serial = serial_number(self._device)
-        if self._serial is None:
-            self._serial = serial
-        elif serial != self._serial:
+        if self._serial is not None and serial != self._serial:
             raise CameraLostError(
                 f'camera {self._device}: is another camera now (serial number {serial or "none"}, '
                 f'it was {self._serial or "none"}); its calibration does not hold'

@@ -9,6 +9,7 @@ expected one counts when the next report agrees with it.
 
 import time
 
+from ivfmc_ros.devices.grbl.index_mark import IndexMark
 from ivfmc_ros.devices.grbl.protocol import StatusReport
 from ivfmc_ros.devices.motion.axis_units import AxisUnits
 from ivfmc_ros.devices.motion.position_estimator import PositionEstimator
@@ -43,8 +44,10 @@ class AxisTracker:
     reported, reported_ns : last position that was used, and when, nanoseconds since the epoch
     """
 
-    def __init__(self, units: AxisUnits) -> None:
+    def __init__(self, units: AxisUnits, index_pin: str = '') -> None:
+        """``index_pin`` : letter of the input that is active once a turn, '' without one."""
         self._units = units
+        self._index_pin, self._index_mark = index_pin, IndexMark(units.turn)
         self._estimator = PositionEstimator()
         self._announced: Trajectory | None = None  # sent, not accepted yet
         self._expected: float | None = None  # where the last motion should have ended
@@ -74,6 +77,11 @@ class AxisTracker:
         return self._announced is not None or not self._estimator.standing
 
     @property
+    def index_text(self) -> str:
+        """What the index mark told, '' without one."""
+        return self._index_mark.text if self._index_pin else ''
+
+    @property
     def target(self) -> float:
         """Where the axis stands, or the motion ends."""
         return self._estimator.target
@@ -92,6 +100,7 @@ class AxisTracker:
     def forget_standstill(self) -> None:
         """Accept whatever position is reported next, if two reports agree on it."""
         self._expected, self._standstill_unknown, self.lost = None, True, False
+        self._index_mark.reset()
 
     def interrupt(self, now: float, *, keeps_position: bool = False) -> None:
         """
@@ -167,6 +176,9 @@ class AxisTracker:
         if self._use(report, units, times, waiting, max_rate):
             self.reported, self.reported_ns = units, time.time_ns()
             self.positions += 1
+            if self._index_pin and report.pins is not None:
+                self._index_mark.update(units, self._index_pin in report.pins)
+                self.lost = self.lost or self._index_mark.slip is not None
             if self._estimator.standing:
                 self._units.set_turns(controller_units, units)
         return True

@@ -69,7 +69,7 @@ class GrblController:
             on_line=self._handle_line, on_tick=self._query_status, on_lost=self._set_lost
         )
         self._channel = CommandChannel(self._line.write, self._is_busy)
-        self._monitor = GrblMonitor(self._units, dict(settings.lasers))
+        self._monitor = GrblMonitor(self._units, dict(settings.lasers), settings.index_pin)
         self._command_lock = threading.RLock()
         self._stop_lock = threading.Lock()
         self._handshake = Handshake(

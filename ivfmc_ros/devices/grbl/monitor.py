@@ -51,6 +51,7 @@ class GrblMonitor:
 
     units : of the axis that turns the table
     lasers : output of each laser by its name
+    index : pin of the index mark, '' without one
     readings : of the controller's ``$`` settings
     settings : values of these settings by number, each read twice
     banner : of the controller; None before, and for a controller that sends none
@@ -64,7 +65,7 @@ class GrblMonitor:
     lasers_ns : when the last change of a laser was acknowledged, nanoseconds since the epoch
     """
 
-    def __init__(self, units: AxisUnits, lasers: Mapping[str, str]) -> None:
+    def __init__(self, units: AxisUnits, lasers: Mapping[str, str], index: str = '') -> None:
         self._units = units
         self._outputs = lasers
         self._changed = threading.Condition(threading.RLock())
@@ -80,7 +81,7 @@ class GrblMonitor:
         self.locked = False
         self.lasers_ns = 0
         self._lasers = dict.fromkeys(lasers, False)
-        self._axis = AxisTracker(units)
+        self._axis = AxisTracker(units, index)
         self._state = ''
         self._queried_at, self._heard_at = 0.0, 0.0  # monotonic seconds
         self._first_unanswered: float | None = None  # when the first query since then was sent
@@ -139,6 +140,7 @@ class GrblMonitor:
                 lasers_ns=self.lasers_ns,
                 homed=self.homed,
                 firmware=self.firmware,
+                index_mark=self._axis.index_text,
             )
 
     @property

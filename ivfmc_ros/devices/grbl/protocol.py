@@ -94,6 +94,8 @@ class StatusReport:
     machine : positions of the axes in machine coordinates, controller units
     work, offset : the same in work coordinates, and machine - work
     outputs : letters of the outputs that are on (S or C for spindle, F for coolant)
+    pins : letters of the inputs that are active (X, Y, Z limit switches, P probe); None where the
+        firmware does not report them, and where a field of the report may be damaged
     decimals : of the positions, by axis: three of millimeters and degrees, four of inches ($13=1)
     """
 
@@ -103,6 +105,7 @@ class StatusReport:
     work: tuple[float, ...] | None = None
     offset: tuple[float, ...] | None = None
     outputs: str | None = None
+    pins: str | None = None
     decimals: tuple[int, ...] = ()
 
     def inches(self, index: int) -> bool:
@@ -170,6 +173,8 @@ _ERROR_TEXTS = {
     'Undefined feed rate': 22,
 }
 _ERROR_ID = re.compile(r'Invalid gcode ID:(\d{1,3})')
+# Fields of GRBL 1.1; in another one, the letters of the pins may have lost their key.
+_FIELD = re.compile(r'(MPos|WPos|WCO|Bf|Ln|F|FS|Pn|Ov|A):([\w.,-]+)')
 _BOOLEANS = {'true': 1.0, 'false': 0.0}
 _LINES: tuple[tuple[re.Pattern[str], Callable[[re.Match[str]], Line]], ...] = (
     (re.compile(r'ok'), lambda match: Response()),
@@ -260,9 +265,18 @@ def _parse_report(text: str) -> StatusReport | None:
         state=name,
         substate=int(substate) if substate else None,
         outputs=outputs,
+        pins=_pins(fields) if '|' in text else None,
         decimals=formats.pop(),
         **positions,
     )
+
+
+def _pins(fields: list[str]) -> str | None:
+    """Return the letters of the inputs that are active; GRBL omits the field if none is."""
+    matches = [_FIELD.fullmatch(field) for field in fields]
+    if None in matches:
+        return None
+    return next((match[2] for match in matches if match and match[1] == 'Pn'), '')
 
 
 def _split_report(text: str) -> tuple[str, list[str]]:

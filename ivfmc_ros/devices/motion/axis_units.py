@@ -47,6 +47,11 @@ class AxisUnits:
             )
         self.letter, self.index = axis, letters.index(axis)
 
+    @property
+    def turn(self) -> float:
+        """Controller units of a turn, positive."""
+        return self._units_per_turn
+
     def to_radians(self, units: float) -> float:
         """Return the table position of unwrapped units."""
         return units * self._radians_per_unit

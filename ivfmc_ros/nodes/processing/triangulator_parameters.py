@@ -95,6 +95,15 @@ def _declare_timing(node: ParameterNode) -> None:
         high=10.0,
     )
     node.parameter(
+        'stamp_delay',
+        default.stamp_delay,
+        'Seconds by which the stamp of an image is later than the start of its exposure, at most '
+        '(drivers that stamp the arrival): neither lasers nor table (step) may have changed since.'
+        ' Not with subtract_dark.',
+        low=0.0,
+        high=10.0,
+    )
+    node.parameter(
         'settle',
         default.settle,
         'Seconds that the table must have stood still before an exposure (step).',
@@ -137,6 +146,7 @@ def match_settings(values: Callable[[str], Any], lasers: Sequence[str]) -> Match
     return MatchSettings(
         motion=values('motion'),
         exposure=values('exposure'),
+        stamp_delay=values('stamp_delay'),
         always_on=values('laser_source') == 'always_on' and len(lasers) == 1,
         views=tuple(values('view')),
         settle=values('settle'),
@@ -152,3 +162,5 @@ def _require_matching(values: Mapping[str, Any]) -> None:
         MatchSettings(views=tuple(values['view'] or ()))
     if 'exposures' in values and 'subtract_dark' in values:
         MatchSettings(exposures=values['exposures'], dark=values['subtract_dark'])
+    if 'stamp_delay' in values and 'subtract_dark' in values:
+        MatchSettings(stamp_delay=values['stamp_delay'], dark=values['subtract_dark'])

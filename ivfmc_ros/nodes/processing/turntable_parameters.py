@@ -11,10 +11,12 @@ from ivfmc_ros.devices.beam import BeamSettings
 from ivfmc_ros.devices.motion.axis_units import AUTO_AXIS
 from ivfmc_ros.devices.settings import ControllerSettings
 from ivfmc_ros.devices.settings import FIRMWARES
+from ivfmc_ros.devices.settings import INDEX_PINS
 from ivfmc_ros.devices.settings import OUTPUTS
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.nodes.framework.parameters import ParameterNode
 
+_NO_INDEX = 'none'  # value of index_pin
 # Names of lasers are part of the service name <laser>/enable.
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
 
@@ -79,6 +81,15 @@ def _declare_axis(node: ParameterNode) -> None:
         'above.',
         low=-1e6,
         high=1e6,
+        read_only=True,
+    )
+    node.parameter(
+        'index_pin',
+        _NO_INDEX,
+        'Input of the controller (GRBL 1.1, grblHAL, FluidNC) that a switch on the table makes '
+        'active once a turn: where it changes is compared with former turns. Limit switches X, Y, '
+        'Z, probe P; none: no such switch.',
+        choices=(_NO_INDEX, *INDEX_PINS),
         read_only=True,
     )
     table = 'The controller has a table; false: lasers only.'
@@ -150,6 +161,7 @@ def _controller_settings(node: ParameterNode) -> ControllerSettings:
         units_per_turn=node.get('units_per_turn'),
         lasers=dict(zip(lasers, outputs, strict=True)),
         power=node.get('laser_power'),
+        index_pin='' if node.get('index_pin') == _NO_INDEX else node.get('index_pin'),
     )
 
 

@@ -3,9 +3,7 @@
 """The orchestrator's subscriptions to the cell, and its commands to table and lasers."""
 
 from collections import deque
-from dataclasses import dataclass
 from functools import partial
-import math
 from typing import Any
 
 from builtin_interfaces.msg import Duration
@@ -25,6 +23,8 @@ from ivfmc_ros.nodes.scanning.controller_watch import ControllerWatch
 from ivfmc_ros.scan.clock_monitor import ClockMonitor
 from ivfmc_ros.scan.liveness import AttentiveClock
 from ivfmc_ros.scan.liveness import LivenessMonitor
+from ivfmc_ros.scan.motion_check import JointReport
+from ivfmc_ros.scan.motion_check import mean_velocity
 from ivfmc_ros.storage.matching.joint_history import joint_in_message
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 from ivfmc_ros.storage.messages.profile_header import read_profile_header
@@ -44,15 +44,6 @@ _JOINT_REPORTS = 50
 _LATEST = 50
 # Duration of the move that stops the table where it is, seconds.
 _HALT_S = 0.2
-
-
-@dataclass(frozen=True, kw_only=True)
-class JointReport:
-    """Position (radians, unwrapped) and velocity (rad/s) of the table at a stamp."""
-
-    stamp_ns: int
-    position: float
-    velocity: float
 
 
 class CellLink:
@@ -248,19 +239,11 @@ class CellLink:
         stamp_ns = nanoseconds(message.header.stamp)
         position, velocity = state
         if velocity is None:
-            velocity = self._finite_difference(stamp_ns, position)
+            velocity = mean_velocity(self.reports, stamp_ns, position)
         self.watch.heartbeat(JOINTS)
         self._check_stamp(JOINTS, stamp_ns)
         self.reports.append(JointReport(stamp_ns=stamp_ns, position=position, velocity=velocity))
         self._reports_since_command += 1
-
-    def _finite_difference(self, stamp_ns: int, position: float) -> float:
-        """Return the velocity by the previous joint state, rad/s."""
-        if not self.reports:
-            return math.inf
-        last = self.reports[-1]
-        seconds = (stamp_ns - last.stamp_ns) * 1e-9
-        return (position - last.position) / seconds if seconds > 0.0 else last.velocity
 
     def _receive_camera(self, message: CameraInfo) -> None:
         self.last_image_ns = nanoseconds(message.header.stamp)

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the diagnostics say: faults of controller and lasers, a part that is cut, a node's end."""
+"""What the diagnostics say: faults of controller, camera, lasers, a part that is cut, an end."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ from ivfmc_ros.nodes.framework.base import CellNode
 
 class ControllerWatch:
     """
-    Reads the diagnostics of ``turntable``, ``triangulator`` and ``ivfmc up`` in a namespace.
+    Reads the diagnostics of our nodes and of ``ivfmc up`` in a namespace.
 
     code : CONTROLLER_ALARM, CONTROLLER_LOST or POSITION_LOST; '' without a fault, or where another
         driver moves the table
@@ -33,7 +33,8 @@ class ControllerWatch:
         # the laser that shines although it is off, by the id of the scan
         self._stuck: dict[str, str] = {}
         self._dark_ns: dict[str, int] = {}
-        self._table_fault = ''
+        self._table_fault = self._camera_fault = ''
+        self._camera = f'{node.get_namespace()}/camera'.lstrip('/')
         self._name = f'{node.get_namespace()}/turntable'.lstrip('/')
         self._triangulator = f'{node.get_namespace()}/triangulator'.lstrip('/')
         self._subscription = node.create_subscription(
@@ -49,6 +50,11 @@ class ControllerWatch:
             raise HelperError(self.code, f'turntable: {self.message}')
         if self._table_fault:
             raise HelperError('JOINT_CONTRADICTORY', self._table_fault)
+
+    def require_images(self) -> None:
+        """:raises HelperError: our camera is lost, frozen, or gives images of another size."""
+        if self._camera_fault:
+            raise HelperError('CAMERA_LOST', f'camera: {self._camera_fault}')
 
     def part_cut(self, scan_id: str) -> str:
         """Return how the working volume cuts the part of a scan; '' if it does not."""
@@ -69,6 +75,9 @@ class ControllerWatch:
                 self.code = values.get('code', '')
                 is_ok = status.level == DiagnosticStatus.OK
                 self.message = '' if is_ok and not self.code else status.message
+            if status.name == self._camera:
+                values = {value.key: value.value for value in status.values}
+                self._camera_fault = values.get('fault', '')
             if status.name == self._up:
                 values = {value.key: value.value for value in status.values}
                 if values.get('ended'):

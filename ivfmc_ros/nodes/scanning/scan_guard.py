@@ -58,6 +58,7 @@ class ScanGuard:
         self._link.watch.require_alive(self.watched)
         self._link.require_unique_profiles()
         if self.needs_images:
+            controller.require_images()
             self._link.clocks.require_no_jump()
         if self.recording:
             # before a write fails

@@ -6,7 +6,7 @@ import math
 
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
-from ivfmc_ros.nodes.scanning.cell_link import JointReport
+from ivfmc_ros.scan.motion_check import JointReport
 from ivfmc_ros.scan.motion_check import MotionCheck
 from ivfmc_ros.scan.plan import MotionLimits
 

@@ -50,6 +50,8 @@ class GrblMachine:
     clock_scale : controller seconds per second; a ceramic resonator is good to 0.5 %
     firmware : that is emulated
     banner : sent at each start
+    index_mark : input that a switch on the table makes active, and from where to where, degrees of
+        a turn; None without a switch
     """
 
     def __init__(
@@ -63,6 +65,7 @@ class GrblMachine:
         self.settings = _settings(firmware)
         self.firmware = firmware
         self.banner = firmware.banner
+        self.index_mark: tuple[str, float, float] | None = None
         self.axis = EmulatedAxis(self.settings, on_motion, clock_scale, index=firmware.index)
         self.door_open = False
         self._responses = 0
@@ -185,8 +188,15 @@ class GrblMachine:
                 outputs=self._modal_state.letters(outputs),
                 busy=self.axis.state != 'Idle',
                 inches=bool(self.settings[_REPORT_INCHES]),
+                pins=self._active_pins(now),
             )
         )
+
+    def _active_pins(self, now: float) -> str:
+        if self.index_mark is None:
+            return ''
+        pin, begin, end = self.index_mark
+        return pin if begin <= self.axis.table_at(now) % 360.0 < end else ''
 
     def _hold(self, now: float) -> None:
         if not self._locked:

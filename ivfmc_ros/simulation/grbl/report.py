@@ -34,6 +34,7 @@ class ReportFormatter:
         outputs: str,
         busy: bool,
         inches: bool = False,
+        pins: str = '',
     ) -> str:
         """
         Return a status report.
@@ -44,12 +45,15 @@ class ReportFormatter:
         outputs : letters of the outputs that are on
         busy : whether the state is not Idle
         inches : report positions and feed in inches, as with $13=1
+        pins : letters of the inputs that are active
         """
         machine = self._positions(position, inches)
         if self._firmware.old:
             return f'<{state.partition(":")[0]},MPos:{machine},WPos:{machine}>\r\n'
         speed = feed / _MM_PER_INCH if inches else feed
         parts = [state, f'MPos:{machine}{self._firmware.fields}', f'FS:{speed:.0f},{rpm:.0f}']
+        if pins:
+            parts.append(f'Pn:{pins}')
         if self._offset_in > 0:
             self._offset_in -= 1
         else:

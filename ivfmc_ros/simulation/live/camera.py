@@ -40,13 +40,15 @@ class SimulatedCamera:
         self.warning = ''
         self._truth: TruthReader | None = None
         self._scene: LiveScene | None = None
+        self._last_image: NDArray[np.uint8] | None = None
 
     def open(self) -> None:
         """
         Read the description of the cell.
 
-        :raises CameraLostError: there is no simulated cell in the folder
+        :raises CameraLostError: there is no simulated cell in the folder, or it is unplugged
         """
+        self._require_plugged()
         try:
             self._truth = TruthReader(LiveFolder(self._folder).truth)
             self._scene = LiveScene(LiveFolder(self._folder))
@@ -73,11 +75,27 @@ class SimulatedCamera:
             raise CameraLostError(
                 f'simulated camera: {self._folder}: the simulated cell has ended'
             )
+        frozen = self._require_plugged() == 'freeze'
+        if frozen and self._last_image is not None:
+            return CameraImage(image=self._last_image, stamp_ns=stamp_ns)
         angle, _ = self._truth.table_state(start + exposure.seconds / 2)
         powers = self._truth.mean_laser_powers(start, start + exposure.seconds)
         brightness = exposure.gain * exposure.seconds / NOMINAL_EXPOSURE
         image = self._scene.render(angle, brightness * powers, brightness)
+        self._last_image = image
         return CameraImage(image=image, stamp_ns=stamp_ns)
+
+    def _require_plugged(self) -> str:
+        """
+        Return the fault of the camera, '' for none.
+
+        :raises CameraLostError: it is unplugged
+        """
+        path = LiveFolder(self._folder).camera_fault
+        fault = path.read_text(encoding='utf-8').strip() if path.exists() else ''
+        if fault == 'unplug':
+            raise CameraLostError('simulated camera: is unplugged')
+        return fault
 
     def set_exposure(self, exposure: Exposure) -> None:
         """Apply exposure, gain and frame rate to the following images."""

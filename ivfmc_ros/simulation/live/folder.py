@@ -43,6 +43,7 @@ class LiveFolder:
     controller : symbolic link to the serial port of the motion controller
     truth : true motion of the table and power of the lasers, see TruthWriter
     faults : named pipe for faults of the controller, one per line, see ControllerEmulator.fault
+    camera_fault : file with the present fault of the camera, ``unplug`` or ``freeze``
     """
 
     def __init__(self, folder: Path) -> None:
@@ -50,6 +51,7 @@ class LiveFolder:
         self.controller = folder / 'controller'
         self.truth = folder / 'truth'
         self.faults = folder / 'faults'
+        self.camera_fault = folder / 'camera_fault'
         self._cell = folder / 'cell.yaml'
         self._camera = folder / 'camera.yaml'
         self._part = folder / 'part.npz'
@@ -97,6 +99,7 @@ class LiveFolder:
             self.controller,
             self.truth,
             self.faults,
+            self.camera_fault,
             self._cell,
             self._camera,
             self._part,

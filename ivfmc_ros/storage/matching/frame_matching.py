@@ -54,6 +54,8 @@ class MatchSettings:
     motion : continuous (every image with exactly one laser on), or step (only images exposed at
         standstill of the table, one for each view and angle)
     exposure : seconds; an image during which a laser was switched is not used
+    stamp_delay : seconds by which a stamp is later than the start of the exposure, at most: of
+        drivers that stamp the arrival. Table and lasers must be as at the stamp since then
     always_on : the only laser of the cell is always on and not reported in laser_states
     views : view number of each laser in the order of the cell, -1 for a laser that is not
         measured; empty: the index of the laser
@@ -68,6 +70,7 @@ class MatchSettings:
 
     motion: str = 'continuous'
     exposure: float = 0.02
+    stamp_delay: float = 0.0
     always_on: bool = False
     views: tuple[int, ...] = ()
     settle: float = 0.1
@@ -84,7 +87,12 @@ class MatchSettings:
                 'belongs to one exposure'
             )
         require_one_of('motion', self.motion, MOTIONS)
+        if self.stamp_delay and self.dark:
+            raise ParameterError(
+                'stamp_delay: dark frames need stamps of the start of the exposure'
+            )
         require_in_range('exposure', self.exposure, 0.0, 10.0, 's')
+        require_in_range('stamp_delay', self.stamp_delay, 0.0, 10.0, 's')
         require_in_range('settle', self.settle, 0.0, 60.0, 's')
         require_in_range('stand', self.stand, 0.0, 0.1, 'rad')
         require_in_range('min_step', self.min_step, 0.0, math.pi, 'rad')
@@ -350,12 +358,14 @@ class FrameMatcher:
     def _laser_during(self, image: _WaitingImage) -> tuple[int | None, str]:
         if image.settings.always_on:
             return 0, ''
+        delay_ns = int(image.settings.stamp_delay * NANOSECONDS)
         exposure_ns = int(image.settings.exposure * NANOSECONDS)
-        return self._laser_history.laser_during(image.stamp_ns, exposure_ns)
+        begin_ns = image.stamp_ns - delay_ns
+        return self._laser_history.laser_during(begin_ns, delay_ns + exposure_ns)
 
     def _at_standstill(self, image: _WaitingImage) -> bool:
         stamp_ns, settings = image.stamp_ns, image.settings
-        begin_ns = stamp_ns - int(settings.settle * NANOSECONDS)
+        begin_ns = stamp_ns - int((settings.settle + settings.stamp_delay) * NANOSECONDS)
         end_ns = stamp_ns + int(settings.exposure * NANOSECONDS)
         return self._joint_history.travel(begin_ns, end_ns) <= settings.stand
 

@@ -77,3 +77,34 @@ def test_axis_that_stands_is_a_lost_position(tracker):
 
 def test_axis_that_goes_the_other_way_is_a_lost_position(tracker):
     assert report(tracker, 2.0, lambda now: -planned()(now))
+
+
+@pytest.mark.parametrize('slip', [0.0, 5.0])
+def test_index_mark_that_is_late_is_a_lost_position(monkeypatch, slip):
+    monkeypatch.setattr(axis_tracker, 'time', Clock())
+    tracker = AxisTracker(AxisUnits('X', 360.0), 'X')
+    plan = trajectory.trapezoid(0.0, 1080.0, 30.0, 400.0, 0.0)
+    tracker.announce(plan)
+    tracker.begin(BEGIN)
+    for number in range(1, 350):
+        now = axis_tracker.time.now = BEGIN + 0.1 * number
+        position = trajectory.state_at(plan, 0.1 * number)[0]
+        mark = (position - slip * (position > 500.0)) % 360.0
+        tracker.update(
+            StatusReport(
+                state='Run',
+                machine=(round(position, 3),),
+                decimals=(3,),
+                pins='X' if 100.0 <= mark < 130.0 else '',
+            ),
+            (now, now + 0.01),
+            waiting=False,
+            in_inches=False,
+            max_rate=120.0,
+        )
+    assert tracker.lost == bool(slip)
+    assert ('the table slipped' in tracker.index_text) == bool(slip)
+    # the operator accepts the position
+    tracker.forget_standstill()
+    assert not tracker.lost
+    assert tracker.index_text == 'not passed yet'

@@ -59,22 +59,37 @@ MM = (3, 3, 3)
         (
             '<Idle|MPos:1.000,0.000,-2.500|FS:0,0|WCO:0.000,1.000,0.000>',
             StatusReport(
-                state='Idle', machine=(1.0, 0.0, -2.5), offset=(0.0, 1.0, 0.0), decimals=MM
+                state='Idle',
+                machine=(1.0, 0.0, -2.5),
+                offset=(0.0, 1.0, 0.0),
+                decimals=MM,
+                pins='',
             ),
         ),
         (
             '<Hold:1|WPos:1.000,0.000,0.000|Bf:15,128|Ov:100,100,100|A:SF>',
             StatusReport(
-                state='Hold', substate=1, work=(1.0, 0.0, 0.0), outputs='SF', decimals=MM
+                state='Hold',
+                substate=1,
+                work=(1.0, 0.0, 0.0),
+                outputs='SF',
+                decimals=MM,
+                pins='',
             ),
         ),
         (
             '<Run|MPos:4.572,0.000,0.000|FS:153,0|Pn:PXYZRHS|Ov:100,100,100>',
-            StatusReport(state='Run', machine=(4.572, 0.0, 0.0), outputs='', decimals=MM),
+            StatusReport(
+                state='Run',
+                machine=(4.572, 0.0, 0.0),
+                outputs='',
+                decimals=MM,
+                pins='PXYZRHS',
+            ),
         ),
         (
             '<Idle|MPos:4.5720,0.0000,0.0000|FS:0,0>',
-            StatusReport(state='Idle', machine=(4.572, 0.0, 0.0), decimals=(4, 4, 4)),
+            StatusReport(state='Idle', machine=(4.572, 0.0, 0.0), decimals=(4, 4, 4), pins=''),
         ),
         # grblHAL of August 2026, FluidNC with a rotary axis and inches, GRBL 0.9j, Horus
         (
@@ -87,7 +102,9 @@ MM = (3, 3, 3)
         ),
         (
             '<Run|MPos:0.0000,0.0000,0.0000,90.000|FS:1,0>',
-            StatusReport(state='Run', machine=(0.0, 0.0, 0.0, 90.0), decimals=(4, 4, 4, 3)),
+            StatusReport(
+                state='Run', machine=(0.0, 0.0, 0.0, 90.0), decimals=(4, 4, 4, 3), pins=''
+            ),
         ),
         (
             '<Hold,MPos:0.036,0.000,0.000,WPos:0.036,0.000,0.000>',

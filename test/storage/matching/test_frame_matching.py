@@ -255,3 +255,32 @@ def test_exposures_do_not_mix_with_dark_frames():
         MatchSettings(exposures=2, dark=True)
     with pytest.raises(ParameterError, match='exposures'):
         MatchSettings(exposures=0)
+
+
+@pytest.mark.parametrize(('delay', 'reason'), [(0.0, ''), (0.05, 'laser changed')])
+def test_stamp_of_the_arrival_is_not_taken_for_the_exposure(delay, reason):
+    # exposed with the left laser on, stamped when the right one was
+    matcher = a_matcher(exposure=0.005, stamp_delay=delay)
+    for milliseconds in (0, 200):
+        matcher.add_table_position(at(milliseconds), 0.0)
+    on(matcher, 0, 'left')
+    on(matcher, 60, 'right')
+    on(matcher, 200, 'right')
+    matcher.add_image(at(100), None)
+    assert reasons(matcher) == [reason]
+
+
+@pytest.mark.parametrize(('delay', 'reason'), [(0.0, ''), (0.1, 'table moving')])
+def test_table_has_to_stand_before_the_stamp_by_the_delay(delay, reason):
+    matcher = a_matcher(motion='step', settle=0.1, exposure=0.005, stamp_delay=delay)
+    on(matcher, 0, 'left')
+    for milliseconds in range(0, 400, 10):
+        matcher.add_table_position(at(milliseconds), min(milliseconds, 100) * 0.001)
+    on(matcher, 390, 'left')
+    matcher.add_image(at(250), None)
+    assert reasons(matcher) == [reason]
+
+
+def test_late_stamps_do_not_go_with_dark_frames():
+    with pytest.raises(ParameterError, match='stamp_delay'):
+        MatchSettings(stamp_delay=0.1, dark=True)
