@@ -4,6 +4,7 @@
 
 from collections.abc import Callable
 from collections.abc import Mapping
+import math
 import threading
 import time
 
@@ -70,7 +71,7 @@ class Capture:
         return {} if self._watch is None else dict(self._watch.counts)
 
     def set_exposure(self, exposure: Exposure) -> None:
-        """Apply exposure, gain and frame rate to the following images."""
+        """Apply exposure, gain, frame rate and trigger to the following images."""
         self._exposure = exposure
         self._camera.set_exposure(exposure)
 
@@ -92,9 +93,13 @@ class Capture:
             watch.restart()
         while not self._closing.is_set():
             image = self._camera.grab(_GRAB_TIMEOUT)
-            now, period = time.monotonic(), 1 / self._exposure.frame_rate
+            now, exposure = time.monotonic(), self._exposure
+            period = math.inf if exposure.triggered else 1 / exposure.frame_rate
             if image is None or not (watch is None or watch.accepts(image, period, now)):
-                if now - last > _LOST_AFTER + period:
+                if exposure.triggered:
+                    # a table that stands triggers none, and the camera is open
+                    last, self.fault = now, '' if watch is None else watch.fault
+                elif now - last > _LOST_AFTER + period:
                     self.fault = 'the camera delivers no images'
                 continue
             last, self.fault = now, '' if watch is None else watch.fault
