@@ -1,7 +1,7 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Hardware: motion controllers of each firmware, their faults, and the guard of the beam.
+Hardware: motion controllers, their faults, the guard of the beam, the trigger of the camera.
 
 All controllers are emulated on pseudo-terminals, in real time: the group takes some ten minutes,
 and other work on the computer shows in its times.
@@ -32,6 +32,7 @@ from support.line_fuzz import lines
 from bench import at_least
 from bench import at_most
 from bench import Number
+from bench import trigger_rows
 
 FUZZ_LINES = 100_000
 KILLS = 20
@@ -49,6 +50,9 @@ def run() -> Iterator[Number]:
     yield from kills()
     yield from fuzzing()
     yield from many_moves()
+    yield from trigger_rows.angles()
+    yield from trigger_rows.faults()
+    yield from trigger_rows.slips()
 
 
 def controllers() -> Iterator[Number]:
