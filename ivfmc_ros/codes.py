@@ -92,10 +92,19 @@ CODES = {
         'Let NTP slew the clocks, or set them before a scan; then scan again.',
     ),
     'SLIPPED': Code(
-        'The table or the part slipped: surfaces that were measured twice differ by a rotation. '
+        'The table or the part slipped: surfaces that were measured twice differ by a rotation, '
+        'or the triggers of the camera and the reported positions disagree. '
         '`registration.table` has the size and the table angles. What was taken is kept and '
         'meshed, with a wrong shape.',
         'Check motor current, acceleration, coupling and clamping, then scan again.',
+    ),
+    'TRIGGER_REFUSED': Code(
+        'The pictures of a camera that the table triggers cannot be numbered by its steps: wrong '
+        '`trigger_step`, a camera that is not triggered, or reports that are too irregular. '
+        '`registration.motions` has the reason of each view. What was taken is kept and meshed, '
+        'with the angles of the reported positions.',
+        'Check the trigger line, `trigger_step` of cell.yaml and `trigger` of the camera, then '
+        'scan again.',
     ),
     'NOT_CONVERGED': Code(
         'The registration found no poses at which the views agree; `registration.verdicts` has '

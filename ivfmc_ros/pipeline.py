@@ -43,20 +43,21 @@ from ivfmc_ros.registration.self_calibration.parameters import require_groups
 from ivfmc_ros.registration.self_calibration.refine import refine
 from ivfmc_ros.registration.self_calibration.refine import RefinementResult
 from ivfmc_ros.registration.slip import check_registration
-from ivfmc_ros.registration.slip import TableCheck
+from ivfmc_ros.registration.table_check import TableCheck
+from ivfmc_ros.registration.table_check import with_triggers
 from ivfmc_ros.registration.views import assemble as sweeps
 from ivfmc_ros.registration.views.motion_fit import refit
 from ivfmc_ros.registration.views.motion_fit import SweepMotion
+from ivfmc_ros.registration.views.trigger import number_profiles
 from ivfmc_ros.stopwatch import Stopwatch
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 from ivfmc_ros.stripe.clipping import Clipping
+from ivfmc_ros.stripe.sample_images import SampleImages
 from ivfmc_ros.stripe.space_time_stream import create_stream
 from ivfmc_ros.validation import require_in_range
 from ivfmc_ros.validation import require_one_of
 
-# Images with their profiles that are kept for the report's stripe sheet, which has 12 tiles.
-_SAMPLE_IMAGES = 12
 _MAX_POINT_GAP = 5.0  # point spacings between neighbors of one connected component
 
 
@@ -160,7 +161,7 @@ def reconstruct(
     settings = settings or Settings()
     watch = Stopwatch()
     acquisition = Acquisition(cell, settings.acquisition)
-    samples = _SampleImages()
+    samples = SampleImages()
     profiles = []
     for frame, profile in _acquire(acquisition, frames, watch):
         profiles.append(profile)
@@ -219,7 +220,7 @@ def _reconstruct(
             cell, views = refined.cell, refined.views
         poses, verdicts = register_views(views, settings)
         misfit = laser_misfit(views, poses)
-        table = check_registration(views, poses, verdicts, cell)
+        table = with_triggers(check_registration(views, poses, verdicts, cell), motions)
     with watch.stage('meshing'):
         progress('meshing', 0, 1)
         mesh, used = mesh_views(cell, views, poses, settings)
@@ -249,16 +250,16 @@ def register_clamping(
 
     name : of the scan, for messages
     :raises NoStripeError: no profile has a point
-    :raises GeometryError: the table slipped during the scan
+    :raises GeometryError: the table slipped during the scan, or its trigger is not certain
     """
     _require_stripe(profiles)
-    views, _, _ = assemble_views(cell, profiles, settings)
+    views, motions, _ = assemble_views(cell, profiles, settings)
     if settings.refine:
         refined = refine(cell, views, settings.refine)
         cell, views = refined.cell, refined.views
     poses, verdicts = register_views(views, settings)
-    table = check_registration(views, poses, verdicts, cell)
-    if table.code == 'SLIPPED':
+    table = with_triggers(check_registration(views, poses, verdicts, cell), motions)
+    if table.code in ('SLIPPED', 'TRIGGER_REFUSED'):
         raise GeometryError(f'{name}: {table.detail}')
     return Clamping(name=name, cell=cell, views=views, poses=poses)
 
@@ -311,15 +312,20 @@ def assemble_views(
     """
     Fit the table motion, assemble profiles into views and remove small components.
 
+    The angles of a camera that the table triggers are those of the trigger's steps.
+
     returns : the views by number, the motion of each, and how many points were removed
     :raises GeometryError: a view number holds profiles of two lasers
     """
-    turned, motions = refit(profiles)
+    fitted, motions = refit(profiles)
+    turned, motions = number_profiles(fitted, motions, cell.turntable.trigger_step)
     views = [_without_islands(view, settings) for view in sweeps.assemble(cell, turned)]
     steady = sum(len(profile) for profile in turned)
     kept = sum(int(np.count_nonzero(view.valid)) for view in views)
-    ramps = sum(len(profile) for profile in profiles) - steady
-    return views, motions, {'ramps': ramps, 'islands': steady - kept, 'kept_points': kept}
+    between_ramps = sum(len(profile) for profile in fitted)
+    ramps = sum(len(profile) for profile in profiles) - between_ramps
+    removed = {'ramps': ramps, 'triggers': between_ramps - steady, 'islands': steady - kept}
+    return views, motions, {**removed, 'kept_points': kept}
 
 
 def _acquire(
@@ -361,26 +367,6 @@ def mesh_views(
     if len({view.clamping for view in views}) > 1:
         used = replace(used, floor=None)
     return build_mesh(cell, views, poses, used), used
-
-
-class _SampleImages:
-    """Keeps an even selection of a stream of images; all of them would need gigabytes."""
-
-    def __init__(self) -> None:
-        self._kept: list[tuple[Frame, Profile]] = []
-        self._stride = 1
-        self._count = 0
-
-    def add(self, frame: Frame, profile: Profile) -> None:
-        if self._count % self._stride == 0:
-            self._kept.append((frame, profile))
-        self._count += 1
-        if len(self._kept) > 2 * _SAMPLE_IMAGES:
-            self._kept = self._kept[::2]
-            self._stride *= 2
-
-    def chosen(self) -> list[tuple[Frame, Profile]]:
-        return self._kept[:: max(1, math.ceil(len(self._kept) / _SAMPLE_IMAGES))]
 
 
 def _require_stripe(profiles: Sequence[Profile]) -> None:

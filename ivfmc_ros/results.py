@@ -69,10 +69,7 @@ def write_results(
             },
             'residuals': json_report.residuals(cell, made.views, made.verdicts),
         }
-        if made.table is not None:
-            document['code'] = 'OK' if made.table.code == 'UNCHECKED' else made.table.code
-            document['detail'] = made.table.detail
-            document['table'] = asdict(made.table)
+        document.update(table_report(made))
         if made.clipping is not None:
             document['volume'] = asdict(made.clipping)
         if made.misfit is not None:
@@ -95,6 +92,21 @@ def merged_cloud(made: Reconstruction) -> tuple[Floats, Floats]:
     posed = zip(made.views, made.poses.turntable_from_view, strict=True)
     points = np.concatenate([transforms.apply(T, view.cloud()) for view, T in posed])
     return points, np.concatenate([view.sigma[view.valid] for view in made.views])
+
+
+def table_report(made: Reconstruction) -> dict[str, Any]:
+    """Return code, detail and size of a slip, and how triggered pictures were numbered."""
+    report: dict[str, Any] = {}
+    if made.table is not None:
+        report['code'] = 'OK' if made.table.code == 'UNCHECKED' else made.table.code
+        report['detail'] = made.table.detail
+        report['table'] = asdict(made.table)
+    triggers = [
+        {'view': motion.view, **asdict(motion.trigger)}
+        for motion in made.motions
+        if motion.trigger is not None
+    ]
+    return {**report, 'triggers': triggers} if triggers else report
 
 
 def refinement_report(refined: RefinementResult) -> dict[str, Any]:

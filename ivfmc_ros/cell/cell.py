@@ -17,6 +17,9 @@ from ivfmc_ros.cell.laser import LaserPlane
 from ivfmc_ros.errors import CellError
 from ivfmc_ros.model import Floats
 
+# Radians: 36 profiles a turn, below which no surface is meshed well.
+_MAX_TRIGGER_STEP = 0.175
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Turntable:
@@ -28,15 +31,24 @@ class Turntable:
     joint : name in joint_states
     residual_rms : meters, of the calibration
     covariance : (6, 6) of (translation, rotation vector) in ``camera_optical_frame``, or None
-    :raises CellError: the matrix is no rigid transform, or the table is behind the camera
+    trigger_step : radians of travel after which the table triggers the camera again, in continuous
+        motion; 0 for a camera that it does not trigger
+    :raises CellError: the matrix is no rigid transform, the table is behind the camera, or the
+        trigger step is out of range
     """
 
     camera_from_base: Floats
     joint: str = 'turntable_joint'
     residual_rms: float = 0.0
     covariance: Floats | None = None
+    trigger_step: float = 0.0
 
     def __post_init__(self) -> None:
+        if not 0.0 <= self.trigger_step <= _MAX_TRIGGER_STEP:
+            raise CellError(
+                f'trigger_step: {self.trigger_step} rad must be 0 (not triggered) to '
+                f'{_MAX_TRIGGER_STEP}'
+            )
         T = self.camera_from_base
         if T.shape != (4, 4) or np.abs(T[3] - (0, 0, 0, 1)).max() > 0:
             raise CellError('camera_from_base: the last row must be 0, 0, 0, 1')

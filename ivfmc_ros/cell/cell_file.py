@@ -32,6 +32,7 @@ _T = TypeVar('_T')
 _VERSION = 1
 _NOTES = ('temperature_c', 'exposure', 'focus', 'board')
 _TOP_KEYS = ('version', 'camera_frame', 'turntable', 'lasers', 'covariance', 'created', *_NOTES)
+_TURNTABLE_KEYS = ('joint', 'camera_from_base', 'residual_rms', 'covariance', 'trigger_step')
 _LASER_KEYS = (
     'name',
     'plane',
@@ -80,7 +81,9 @@ class CellDraft:
         return replace(self, lasers=tuple(lasers), covariance=None, created=None)
 
     def with_turntable(self, turntable: Turntable) -> 'CellDraft':
-        """Return the draft with the turntable set."""
+        """Return the draft with the turntable set; its trigger is wiring, and stays."""
+        step = turntable.trigger_step or (self.turntable.trigger_step if self.turntable else 0.0)
+        turntable = replace(turntable, trigger_step=step)
         return replace(self, turntable=turntable, covariance=None, created=None)
 
     def with_notes(self, **notes: Any) -> 'CellDraft':
@@ -183,7 +186,7 @@ def save_cell(path: Path, cell: Cell) -> None:
 
 def _read_turntable(top: YamlMapping) -> Turntable:
     fields = top.mapping('turntable')
-    fields.require_known_keys('joint', 'camera_from_base', 'residual_rms', 'covariance')
+    fields.require_known_keys(*_TURNTABLE_KEYS)
     return _with_location(
         fields,
         lambda: Turntable(
@@ -191,6 +194,7 @@ def _read_turntable(top: YamlMapping) -> Turntable:
             camera_from_base=fields.array('camera_from_base', 16).reshape(4, 4),
             residual_rms=fields.number('residual_rms'),
             covariance=_optional_matrix(fields, 'covariance', 6, 6),
+            trigger_step=fields.number('trigger_step') if fields.has('trigger_step') else 0.0,
         ),
     )
 
@@ -276,6 +280,8 @@ def _turntable_document(turntable: Turntable) -> dict[str, Any]:
     }
     if turntable.covariance is not None:
         document['covariance'] = turntable.covariance.ravel().tolist()
+    if turntable.trigger_step:
+        document['trigger_step'] = float(turntable.trigger_step)
     return document
 
 

@@ -156,6 +156,8 @@ def say(output: Path, document: Mapping[str, Any]) -> None:
         )
     if document.get('table', {}).get('code') == 'UNCHECKED':
         stdout.print(f'not checked: {document["detail"]}')
+    if triggers := document.get('table', {}).get('triggers'):
+        stdout.print(f'triggers: {triggers}')
     for subject in ('volume', 'lasers'):
         if advice := document.get(subject, {}).get('advice'):
             stdout.print(advice)

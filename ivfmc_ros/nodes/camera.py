@@ -42,6 +42,10 @@ from ivfmc_ros.storage.messages.camera_info import to_camera
 
 # The parameter that locates the camera, by backend.
 _LOCATIONS = {'simulated': 'simulation', 'opencv': 'device', 'folder': 'folder', 'aravis': ''}
+# Backends that can expose on a trigger line.
+_TRIGGERED = ('simulated', 'aravis')
+# The parameters of an exposure.
+_EXPOSURE = ('frame_rate', 'exposure', 'gain', 'trigger', 'triggered')
 
 
 class CameraNode(LifecycleCellNode):
@@ -164,14 +168,26 @@ class CameraNode(LifecycleCellNode):
         self.parameter('binning', 1, binning, low=1, high=8, read_only=True)
         packet_size = 'aravis: bytes of a GigE packet; 0: the greatest that passes.'
         self.parameter('packet_size', 0, packet_size, low=0, high=16000, read_only=True)
-        trigger = 'aravis: line that starts each exposure, such as Line1; empty: free-running.'
+        trigger = (
+            'aravis: line that starts each exposure, such as Line1; simulated: any name, for the '
+            'trigger line of the table; empty: free-running.'
+        )
         self.parameter('trigger', '', trigger, read_only=True)
+        triggered = (
+            'Whether exposures are started by the line trigger now; false: free-running. A scan '
+            'with a trigger_step sets it to true for its sweeps, and to false afterwards.'
+        )
+        self.parameter('triggered', True, triggered)
 
     def _exposure(self) -> Exposure:
-        return _exposure({name: self.get(name) for name in ('frame_rate', 'exposure', 'gain')})
+        return _exposure({name: self.get(name) for name in _EXPOSURE})
 
     def _device(self) -> CameraDevice:
         backend = self.get('backend')
+        if self.get('trigger') and backend not in _TRIGGERED:
+            raise ParameterError(
+                f'trigger: the backend {backend} has no trigger line, only {", ".join(_TRIGGERED)}'
+            )
         if backend == 'aravis':
             return AravisCamera(self._aravis_settings(), self._exposure())
         location = str(self.get(_LOCATIONS[backend]))
@@ -218,7 +234,7 @@ class CameraNode(LifecycleCellNode):
         )
 
     def _apply(self, names: set[str]) -> None:
-        if self._capture is not None and names & {'frame_rate', 'exposure', 'gain'}:
+        if self._capture is not None and names & set(_EXPOSURE):
             self._capture.set_exposure(self._exposure())
 
     def _publish(self, picture: CameraImage) -> None:
@@ -294,7 +310,10 @@ def _require_exposure(values: Mapping[str, Any]) -> None:
 
 def _exposure(values: Any) -> Exposure:
     return Exposure(
-        frame_rate=values['frame_rate'], seconds=values['exposure'], gain=values['gain']
+        frame_rate=values['frame_rate'],
+        seconds=values['exposure'],
+        gain=values['gain'],
+        triggered=bool(values['trigger']) and values['triggered'],
     )
 
 

@@ -170,7 +170,8 @@ class Orchestrator(CellNode):
         names = [laser.name for laser in draft.lasers]
         # homing makes its position 0
         position = 0.0 if self.get('home') else self._link.position or 0.0
-        plan = make_plan(request, names, motion, position)
+        trigger_step = draft.turntable.trigger_step if draft.turntable is not None else 0.0
+        plan = make_plan(request, names, motion, position, trigger_step)
         require_steps(plan, self.get('position_tolerance'), 'position_tolerance')
         root = Path(self.get('scan_root')).absolute()
         reserve = self.get('min_free_space') * 1e6

@@ -12,7 +12,6 @@ does not fit at any rotation, the size of the slip is unknown.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from dataclasses import replace
 import math
 
@@ -33,6 +32,7 @@ from ivfmc_ros.registration.sections import Section
 from ivfmc_ros.registration.sections import Sections
 from ivfmc_ros.registration.sections import split_sections
 from ivfmc_ros.registration.solver.verdict import Verdict
+from ivfmc_ros.registration.table_check import TableCheck
 
 # Largest slip whose size is found, radians.
 _MAX_SLIP = math.radians(32.0)
@@ -78,33 +78,6 @@ _ROUND_TEST, _ROUND_SHARE = math.radians(3.0), 0.01
 _MIN_CLOSURE = 0.5
 # Least surfels at the closure.
 _MIN_CLOSURE_SURFELS = 30
-
-
-@dataclass(frozen=True, kw_only=True)
-class TableCheck:
-    """
-    Result of the check for lost steps.
-
-    code : 'OK'; 'SLIPPED'; 'NOT_CONVERGED' where the registration found a difference between the
-        views that it could not correct; 'UNCHECKED' where nothing would show a slip
-    detail : what was found
-    size : radians by which the table lags the reported angle after the slip; NaN if unknown
-    view : number of the view in which it slipped; -1 without a slip
-    angle_from, angle_to : reported table angles, radians, between which it slipped
-    within_view : it slipped while this view was taken, not before it
-    compared : share of the surfels that were measured at several times
-    round : the part is a solid of revolution about the axis, whose shape a slip does not change
-    """
-
-    code: str
-    detail: str
-    size: float = 0.0
-    view: int = -1
-    angle_from: float = float('nan')
-    angle_to: float = float('nan')
-    within_view: bool = False
-    compared: float = 0.0
-    round: bool = False
 
 
 def check_registration(

@@ -161,7 +161,8 @@ class Completeness:
 
         info_stamps_ns : stamps of all camera_info of the scan
         :returns: not_received: images without a profile although their camera_info was received;
-            not_taken: missing by the frame rate
+            not_taken: missing by the frame rate; a triggered camera has none, and the registrar
+            counts the triggers without an image
         """
         found = {'not_received': 0, 'not_taken': 0}
         taken = [*self._sweeps.values(), *(one for many in self._retakes.values() for one in many)]
@@ -176,7 +177,7 @@ class Completeness:
                 add(stamp_ns)
             loss.finish()
             found['not_received'] += loss.not_received
-            found['not_taken'] += loss.not_taken
+            found['not_taken'] += 0 if sweep.trigger_step else loss.not_taken
         return found
 
     def _coverage(

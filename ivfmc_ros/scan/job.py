@@ -59,6 +59,9 @@ class Tools(Protocol):
     async def measure_profile_rate(self, sweep: Sweep) -> float:
         """Return the rate of profiles, 1/s, with the present laser at standstill."""
 
+    async def trigger_camera(self, *, on: bool) -> None:
+        """Start each exposure by the table's trigger, or at the camera's own rate."""
+
     async def wait_for_sweep_profiles(self, sweep: Sweep) -> None:
         """Return when all images of the sweep have been processed."""
 
@@ -229,7 +232,12 @@ async def _continuous_sweep(sweep: Sweep, motion: MotionLimits, tools: Tools) ->
     await tools.select_views(sweep)
     await tools.laser_on(sweep.lasers[0])
     velocity = sweep.limited_velocity(await tools.measure_profile_rate(sweep))
+    # while the table stands, the camera has to run freely: no trigger comes
+    if sweep.trigger_step:
+        await tools.trigger_camera(on=True)
     await tools.move(end, velocity)
+    if sweep.trigger_step:
+        await tools.trigger_camera(on=False)
     await tools.wait_for_sweep_profiles(sweep)
 
 

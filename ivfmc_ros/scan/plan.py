@@ -13,6 +13,9 @@ the parts of a turn that is divided into several sweeps have their places relati
 
 Two lasers see a point at two table angles, which shows lost steps of the table. With one laser
 the last sweep goes on beyond the turn (``closure``): its end repeats the beginning of the first.
+
+A camera that the table triggers takes a profile after each trigger step in continuous motion: the
+step determines their number, and with the rate of the camera the velocity.
 """
 
 from collections.abc import Sequence
@@ -78,6 +81,7 @@ class Sweep:
     velocity : rad/s in continuous motion; 0.0 in step motion
     dark : take an image with all lasers off first at every stop
     turns : whole turns that were added to the planned start
+    trigger_step : radians between the pulses on which the camera exposes; 0 if it runs freely
     retake_of : number of the sweep whose missing angles this one takes again
     """
 
@@ -91,6 +95,7 @@ class Sweep:
     dark: bool = False
     turns: int = 0
     closing: int = 0
+    trigger_step: float = 0.0
     retake_of: int | None = None
 
     def angles(self) -> list[float]:
@@ -100,7 +105,8 @@ class Sweep:
 
     def limited_velocity(self, profile_rate: float) -> float:
         """Return the velocity, rad/s, reduced where ``profile_rate``, 1/s, is below the plan's."""
-        return min(self.velocity, self.span / self.profiles * profile_rate)
+        step = self.trigger_step or self.span / self.profiles
+        return min(self.velocity, step * profile_rate)
 
     def lead_angle(self, motion: MotionLimits) -> float:
         """Return the angle, rad, from the start of the move to the first profile."""
@@ -134,7 +140,11 @@ class Plan:
 
 
 def make_plan(
-    request: ScanRequest, lasers: Sequence[str], motion: MotionLimits, position: float = 0.0
+    request: ScanRequest,
+    lasers: Sequence[str],
+    motion: MotionLimits,
+    position: float = 0.0,
+    trigger_step: float = 0.0,
 ) -> Plan:
     """
     Plan the sweeps of a scan.
@@ -142,12 +152,16 @@ def make_plan(
     lasers : names of all lasers of the cell, in its order
     position : of the table when the scan begins, rad; it turns in the positive direction only, so
         that the gear's backlash is always on the same side
-    :raises ParameterError: the cell has no such laser, or the sweep needs a velocity above the
-        table's limit
+    trigger_step : of the cell, radians; in continuous motion the profiles are as many as it gives,
+        and not fewer than requested
+    :raises ParameterError: the cell has no such laser, the sweep needs a velocity above the
+        table's limit, or the trigger does not give so many profiles
     """
     chosen = _chosen(request.lasers, lasers)
     share = _TURN / request.views
     is_step = request.motion == 'step'
+    trigger_step = 0.0 if is_step else trigger_step
+    request = _with_triggered_profiles(request, trigger_step)
     groups = [chosen] if is_step else [[one] for one in chosen]
     # start of the first part of the turn, for each group of lasers
     starts: list[float] = []
@@ -164,7 +178,8 @@ def make_plan(
                 start=0.0,
                 span=span,
                 profiles=request.profiles + closing,
-                velocity=_velocity(request, motion),
+                velocity=_velocity(request, motion, trigger_step),
+                trigger_step=trigger_step,
                 dark=request.dark_frames and is_step,
                 closing=closing,
             )
@@ -217,9 +232,27 @@ def _closing_profiles(request: ScanRequest) -> int:
     return max(0, math.ceil((request.closure - request.overlap) / step - _ROUNDING))
 
 
-def _velocity(request: ScanRequest, motion: MotionLimits) -> float:
+def _with_triggered_profiles(request: ScanRequest, trigger_step: float) -> ScanRequest:
+    """:raises ParameterError: the trigger gives fewer profiles of a view than requested."""
+    if not trigger_step:
+        return request
+    span = _TURN / request.views + request.overlap
+    count = math.floor(span / trigger_step + _ROUNDING)
+    if request.profiles > count:
+        raise ParameterError(
+            f'profiles: {request.profiles} of a view were requested, the trigger gives {count}: '
+            f'one each {math.degrees(trigger_step):.4g} degrees (trigger_step of cell.yaml); '
+            f'request {count} or fewer'
+        )
+    return replace(request, profiles=count)
+
+
+def _velocity(request: ScanRequest, motion: MotionLimits, trigger_step: float) -> float:
     if request.motion == 'step':
         return 0.0
+    if trigger_step:
+        # a slower table takes the same profiles
+        return min(trigger_step * motion.profile_rate, motion.velocity)
     span = _TURN / request.views + request.overlap
     velocity = span / request.profiles * motion.profile_rate
     if velocity > motion.velocity:

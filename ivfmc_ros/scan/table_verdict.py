@@ -7,7 +7,7 @@ from typing import Any
 from typing import Protocol
 
 # Codes that a scan ends with; UNCHECKED is a doubt that is said beside OK.
-_FAILURES = ('SLIPPED', 'NOT_CONVERGED')
+_FAILURES = ('SLIPPED', 'NOT_CONVERGED', 'TRIGGER_REFUSED')
 _UNCHECKED = 'UNCHECKED'
 
 
@@ -24,7 +24,8 @@ def judge_table(outcome: Markable) -> None:
     """
     Mark a scan whose views disagree with its code, and one that could not be checked.
 
-    What the lasers advise (calibrate again, take more profiles) is said beside OK.
+    What the lasers advise (calibrate again, take more profiles), and which triggered pictures are
+    missing or were left out, is said beside OK.
     """
     table = outcome.registration.get('table') or {}
     code, detail = table.get('code', ''), table.get('detail', '')
@@ -32,6 +33,8 @@ def judge_table(outcome: Markable) -> None:
         outcome.mark(code, detail)
     elif code == _UNCHECKED:
         outcome.mark('OK', f'{_UNCHECKED}: {detail}')
+    if table.get('triggers'):
+        outcome.mark('OK', f'triggers: {table["triggers"]}')
     lasers = outcome.registration.get('lasers') or {}
     if lasers.get('advice'):
         outcome.mark('OK', lasers['advice'])

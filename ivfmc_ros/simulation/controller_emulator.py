@@ -24,6 +24,7 @@ from ivfmc_ros.simulation.grbl.machine import GrblMachine
 from ivfmc_ros.simulation.laser_outputs import LaserOutputs
 from ivfmc_ros.simulation.laser_outputs import StickingRelays
 from ivfmc_ros.simulation.marlin.machine import MarlinMachine
+from ivfmc_ros.simulation.trigger_line import TriggerLine
 
 _POLL_PERIOD = 0.02  # seconds, longest wait for bytes or for the opening of the port
 _MIN_WAIT = 0.0005  # seconds, so that a due event causes no busy loop
@@ -60,7 +61,10 @@ class ControllerEmulator:
     ) -> None:
         # tests reach into the machine of one firmware or the other
         self._relays = StickingRelays(on_outputs)
-        self.machine: Any = _machine(firmware, on_motion, self._relays.switch, clock_scale)
+        self._on_motion = on_motion
+        self._trigger_line: TriggerLine | None = None
+        self._on_triggers: Callable[[list[float]], None] = lambda times: None
+        self.machine: Any = _machine(firmware, self._move, self._relays.switch, clock_scale)
         self._auto_reset = auto_reset
         self._powered = not auto_reset
         self.machine.settings[22] = float(homing)
@@ -73,6 +77,17 @@ class ControllerEmulator:
         self._lock = threading.Lock()
         self._master = -1
         self._thread: threading.Thread | None = None
+
+    def connect_trigger(
+        self, line: TriggerLine, on_triggers: Callable[[list[float]], None]
+    ) -> None:
+        """
+        Let the axis give pulses on a trigger line; to be called before ``start``.
+
+        line : its step in controller units
+        on_triggers : called with the times of pulses, ascending
+        """
+        self._trigger_line, self._on_triggers = line, on_triggers
 
     def start(self) -> None:
         """
@@ -106,6 +121,8 @@ class ControllerEmulator:
         controller, as after a brown-out;
         ``alarm N`` raises an alarm; ``door`` opens the safety door of GRBL; ``slip D`` turns the
         table by D degrees on the shaft;
+        ``trigger drop P`` loses each pulse of the trigger line with probability P, ``trigger
+        double P`` doubles it, ``trigger noise R`` adds R false ones a second while the axis moves;
         ``stick`` welds the relays of the lasers that are on, which shine until ``release``;
         ``noise`` sends a line of random bytes, ``say TEXT`` a line, ``half`` the begin of one,
         ``long`` a line of 4000 characters; ``unplug`` removes the port and with it the supply of
@@ -130,6 +147,7 @@ class ControllerEmulator:
             'door': lambda text, now: self.machine.open_door(now),
             'alarm': lambda text, now: self.machine.alarm(int(text), now),
             'slip': lambda text, now: self.machine.axis.slip(float(text), now),
+            'trigger': lambda text, now: self._spoil_trigger(text),
             'stick': lambda text, now: self._relays.stick(),
             'release': lambda text, now: self._relays.release(now),
             'noise': lambda text, now: self._write(self._noise() + b'\n'),
@@ -139,6 +157,21 @@ class ControllerEmulator:
             'unplug': lambda text, now: self._unplug(now),
             'plug': lambda text, now: self._replug(now),
         }
+
+    def _spoil_trigger(self, text: str) -> None:
+        name, _, value = text.partition(' ')
+        if self._trigger_line is None or name not in ('drop', 'double', 'noise'):
+            raise ValueError(f'trigger {text}: no such fault, or no trigger line')
+        setattr(self._trigger_line, name, float(value))
+
+    def _move(self, now: float, motion: Trajectory) -> None:
+        if self._trigger_line is not None:
+            self._give_triggers(self._trigger_line.move(now, motion))
+        self._on_motion(now, motion)
+
+    def _give_triggers(self, times: list[float]) -> None:
+        if times:
+            self._on_triggers(times)
 
     def _noise(self) -> bytes:
         return self._rng.integers(1, 255, 20).astype(np.uint8).tobytes()
@@ -189,6 +222,8 @@ class ControllerEmulator:
             data = b''  # the boot loader discards it
         self.machine.advance(now)
         self.machine.feed(data, now)
+        if self._trigger_line is not None:
+            self._give_triggers(self._trigger_line.advance(now))
         output = self.machine.take_output()
         if output and now >= self._silent_until:
             self._write(output)

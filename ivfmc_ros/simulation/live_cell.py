@@ -38,6 +38,7 @@ from ivfmc_ros.simulation.parts.loading import Solid
 from ivfmc_ros.simulation.parts.solids import demo_part
 from ivfmc_ros.simulation.render.optics import Optics
 from ivfmc_ros.simulation.render.optics import with_sheet_thickness
+from ivfmc_ros.simulation.trigger_line import TriggerLine
 
 _RADIANS_PER_UNIT = math.pi / 180  # the controller counts degrees
 
@@ -70,6 +71,10 @@ def live_cell(
                 homing=homing,
                 seed=description.seed,
             )
+            step = description.cell.turntable.trigger_step / _RADIANS_PER_UNIT
+            if step:
+                line = TriggerLine(step, description.seed)
+                controller.connect_trigger(line, truth.write_triggers)
             controller.start()
             try:
                 with _fault_pipe(folder.faults, controller):

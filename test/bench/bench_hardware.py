@@ -1,7 +1,7 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Hardware: motion controllers of each firmware, cameras, their faults, the guard of the beam.
+Hardware: motion controllers, cameras, their faults, the guard of the beam, the trigger.
 
 All controllers are emulated on pseudo-terminals, and cameras below OpenCV, in real time: the group
 takes some half an hour, most of it for cells that are killed, and other work on the computer shows
@@ -38,6 +38,7 @@ from support.line_fuzz import lines
 from bench import at_least
 from bench import at_most
 from bench import Number
+from bench import trigger_rows
 
 FUZZ_LINES = 100_000
 KILLS = 20
@@ -56,6 +57,9 @@ def run() -> Iterator[Number]:
     yield from kills()
     yield from fuzzing()
     yield from many_moves()
+    yield from trigger_rows.angles()
+    yield from trigger_rows.faults()
+    yield from trigger_rows.slips()
 
 
 def controllers() -> Iterator[Number]:

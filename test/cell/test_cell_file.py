@@ -106,7 +106,12 @@ def test_cell_is_read_as_written(tmp_path):
     )
     cell = replace(
         cell,
-        turntable=replace(cell.turntable, covariance=rng.normal(size=(6, 6)), residual_rms=1e-5),
+        turntable=replace(
+            cell.turntable,
+            covariance=rng.normal(size=(6, 6)),
+            residual_rms=1e-5,
+            trigger_step=0.01,
+        ),
         lasers=(
             replace(left, bow=bow, covariance=rng.normal(size=(4, 4)), residual_rms=1 / 30000),
             replace(right, volume=rng.normal(size=(2, 3)), stripe='columns', thickness=2e-4),
@@ -123,6 +128,7 @@ def facts(cell):
     """All that a file holds, comparable."""
     values = [cell.camera_frame, dict(cell.notes), cell.turntable.joint]
     values += [cell.turntable.camera_from_base.tolist(), cell.turntable.residual_rms]
+    values.append(cell.turntable.trigger_step)
     values += [None if cell.turntable.covariance is None else cell.turntable.covariance.tolist()]
     for laser in cell.lasers:
         values += [laser.name, laser.stripe, laser.offset, laser.residual_rms]
@@ -259,3 +265,18 @@ def test_note_that_could_not_be_read_back_is_refused():
 def test_folder_that_is_missing_is_named(tmp_path):
     with pytest.raises(FileError, match=r'none.cell\.yaml: cannot be written'):
         save_cell(tmp_path / 'none' / 'cell.yaml', small_cell())
+
+
+def test_new_turntable_keeps_the_trigger_which_is_wiring():
+    table = small_cell().turntable
+    before = CellDraft(turntable=replace(table, trigger_step=0.01))
+    assert before.with_turntable(table).turntable.trigger_step == 0.01
+    other = replace(table, trigger_step=0.02)
+    assert before.with_turntable(other).turntable.trigger_step == 0.02
+    assert CellDraft().with_turntable(table).turntable.trigger_step == 0.0
+
+
+@pytest.mark.parametrize('step', [-0.01, 0.2, float('nan')])
+def test_trigger_step_out_of_range_is_refused(step):
+    with pytest.raises(CellError, match='trigger_step'):
+        replace(small_cell().turntable, trigger_step=step)

@@ -1,5 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
 import subprocess
 import sys
 
@@ -17,6 +18,11 @@ from support.graph_rig import running
 from ivfmc_ros.cell.camera_file import load_camera
 from ivfmc_ros.cell.camera_file import save_camera
 from ivfmc_ros.simulation.bench import bench_camera
+from ivfmc_ros.simulation.bench import bench_cell
+from ivfmc_ros.simulation.live.folder import LiveDescription
+from ivfmc_ros.simulation.live.folder import LiveFolder
+from ivfmc_ros.simulation.live_cell import live_cell
+from ivfmc_ros.simulation.render.optics import Optics
 
 
 @pytest.fixture
@@ -144,3 +150,31 @@ def test_region_of_the_sensor_is_in_camera_info():
     assert (seen.width, seen.height) == (320, 256)
     # the principal point is in the middle of the region
     assert seen.K[0, 2] == pytest.approx((640 - 320) / 2, abs=0.5)
+
+
+def test_trigger_of_a_backend_without_a_line_is_reported(client, pictures):
+    with running('camera', backend='folder', folder=str(pictures), trigger='Line1'):
+        client.until(lambda: 'has no trigger line' in client.diagnostic('camera'))
+
+
+def test_triggered_camera_waits_at_standstill_without_a_fault_and_runs_freely_after(
+    client, tmp_path
+):
+    cell = bench_cell()
+    table = replace(cell.turntable, trigger_step=0.02)
+    description = LiveDescription(
+        cell=replace(cell, turntable=table), solid=None, optics=Optics(), seed=0
+    )
+    folder = LiveFolder(tmp_path / 'live')
+    with (
+        live_cell(folder, description),
+        running('camera', backend='simulated', simulation=str(folder.folder), trigger='table'),
+    ):
+        images = client.collect(Image, 'image_raw')
+        # open3d takes seconds to load
+        client.until(lambda: 'publishing images' in client.diagnostic('camera'), 60.0)
+        client.spin(3.0)
+        assert images == []
+        assert 'delivers no images' not in client.diagnostic('camera')
+        assert client.set('camera', triggered=False).successful
+        client.until(lambda: images, 10.0, 'no image')

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from contextlib import contextmanager
 from contextlib import ExitStack
+from dataclasses import replace
 import json
 import math
 import os
@@ -15,6 +16,7 @@ from std_msgs.msg import UInt64
 from support.graph_rig import following_client
 from support.graph_rig import running
 
+from ivfmc_ros.cell.cell_file import save_cell
 from ivfmc_ros.scan import scan_folder
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 
@@ -503,3 +505,51 @@ def test_orchestrator_that_was_late_itself_loses_no_node(client, fake, orchestra
             lambda seq=seq: fake.seq > seq or values_of(client)['code'], 10.0, 'no profile'
         )
     assert values_of(client)['stage'] == 'SCANNING'
+
+
+@contextmanager
+def triggered_cell(client, cell, cell_file, folder):
+    """Give the orchestrator a cell whose table triggers the camera."""
+    path = folder / 'cell.yaml'
+    save_cell(path, replace(cell, turntable=replace(cell.turntable, trigger_step=0.15)))
+    values = {**CONTINUOUS, 'lasers': ['left'], 'cell': str(path)}
+    assert client.set('orchestrator', **values).successful
+    try:
+        yield
+    finally:
+        client.set('orchestrator', cell=str(cell_file))
+
+
+def test_camera_is_triggered_in_a_sweep_and_runs_freely_at_standstill(
+    client, fake, orchestrator, cell, cell_file, tmp_path
+):
+    fake.add_camera('Line1')
+    with triggered_cell(client, cell, cell_file, tmp_path):
+        success, answer = client.trigger('scan', 60.0)
+    assert success, answer
+    assert fake.triggered == [False, True, False]
+    (view,) = answer['completeness']['views']
+    # 41 in a turn, though 24 were requested, and the closure
+    assert view['planned'] > 41
+
+
+def test_cancelled_sweep_leaves_the_camera_free(
+    client, fake, orchestrator, cell, cell_file, tmp_path
+):
+    fake.add_camera('Line1')
+    with triggered_cell(client, cell, cell_file, tmp_path):
+        assert client.trigger('start_scan')[0]
+        client.until(lambda: fake.triggered[-1:] == [True], 30.0, 'not triggered')
+        assert client.trigger('cancel')[0]
+        await_stage(client, 'CANCELLED')
+    assert fake.triggered[-1] is False
+
+
+def test_cell_with_a_trigger_refuses_a_camera_without_a_line(
+    client, fake, orchestrator, cell, cell_file, tmp_path
+):
+    fake.add_camera('')
+    with triggered_cell(client, cell, cell_file, tmp_path):
+        success, answer = client.trigger('scan', 60.0)
+    assert (success, answer['code']) == (False, 'BAD_PARAMETER')
+    assert 'no trigger line' in answer['detail']

@@ -1,5 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
 import math
 
 import pytest
@@ -190,3 +191,11 @@ def test_lost_images_of_a_sweep_are_counted():
     stalled.take(stalled.plan.sweeps[0], lost=(90.0, 108.0))
     found = stalled.completeness.lost_images(stalled.headers, stalled.infos)
     assert found == {'not_received': 0, 'not_taken': 10}
+
+
+def test_camera_that_is_triggered_has_no_frame_rate_to_miss_images_by():
+    scan = Scan()
+    sweep = replace(scan.plan.sweeps[0], trigger_step=0.02)
+    scan.take(sweep, lost=(90.0, 108.0))
+    found = scan.completeness.lost_images(scan.headers, scan.infos)
+    assert found == {'not_received': 0, 'not_taken': 0}

@@ -65,6 +65,9 @@ class FakeTools:
         self._do('rate')
         return self.profile_rate
 
+    async def trigger_camera(self, *, on):
+        self._do('trigger', on)
+
     async def wait_for_sweep_profiles(self, sweep):
         self._do('settled')
 
@@ -105,14 +108,15 @@ class FakeTools:
         return [what[0] for what in self.done]
 
 
-def run(at=None, verdicts=(), missing=(), inspects=False, **values):
+def run(at=None, verdicts=(), missing=(), inspects=False, trigger_step=0.0, **values):
     machine = StateMachine()
     stages = []
     machine._on_change = stages.append
     tools = FakeTools(machine, at)
     tools.verdicts, tools.missing = list(verdicts), list(missing)
     tools.inspects = inspects
-    plan = make_plan(ScanRequest(**values), ('left', 'right'), MOTION)
+    request = ScanRequest(**values)
+    plan = make_plan(request, ('left', 'right'), MOTION, trigger_step=trigger_step)
     outcome = asyncio.run(run_job(machine, plan, MOTION, tools))
     return tools, outcome, stages
 
@@ -182,6 +186,17 @@ def test_continuous_scan_has_lead_in_and_lead_out():
     assert moves[1][1] == pytest.approx(0.314159)
     assert moves[2][0] >= end - 2e-3
     assert tools.names()[:6] == ['prepare', 'move', 'select', 'light', 'rate', 'move']
+
+
+def test_camera_is_triggered_while_the_table_sweeps_only():
+    tools, outcome, _ = run(profiles=200, trigger_step=0.02)
+    assert outcome.code == 'OK'
+    sweep = ['move', 'select', 'light', 'rate', 'trigger', 'move', 'trigger', 'settled']
+    names = tools.names()
+    assert names[1:9] == sweep
+    assert [what[1] for what in tools.done if what[0] == 'trigger'] == [True, False] * 2
+    assert 'trigger' not in run(profiles=200)[0].names()
+    assert 'trigger' not in run(motion='step', profiles=4, trigger_step=0.02)[0].names()
 
 
 @pytest.mark.parametrize(('motion', 'profiles'), [('continuous', 200), ('step', 12)])

@@ -161,3 +161,46 @@ def test_steps_below_the_tolerance_are_refused_with_the_greatest_number():
         require_steps(closing, 2e-3, 'position_tolerance')
     require_steps(plan(profiles=20000), 2e-3, 'position_tolerance')
     require_steps(made, 0.0, 'min_step')
+
+
+def triggered(step, motion_of_table=None, **values):
+    request = ScanRequest(**values)
+    return make_plan(request, LASERS, motion_of_table or MotionLimits(), trigger_step=step)
+
+
+def test_trigger_determines_the_number_of_profiles_and_the_velocity():
+    step = math.radians(0.8)
+    made = triggered(step, profiles=200)
+    for sweep in made.sweeps:
+        assert sweep.profiles == 450
+        assert sweep.velocity == pytest.approx(step * 10.0)
+        assert sweep.limited_velocity(7.0) == pytest.approx(step * 7.0)
+
+
+def test_profiles_that_the_trigger_does_not_give_are_refused():
+    assert triggered(math.radians(0.8), profiles=450).sweeps[0].profiles == 450
+    with pytest.raises(ParameterError, match='the trigger gives 450'):
+        triggered(math.radians(0.8), profiles=451)
+    with pytest.raises(ParameterError, match='request 225 or fewer'):
+        triggered(math.radians(0.8), profiles=300, views=2)
+
+
+def test_triggered_table_is_never_faster_than_its_limit_or_the_camera():
+    limits = MotionLimits(profile_rate=100.0, velocity=0.5)
+    (first, *_) = triggered(0.02, limits, profiles=100).sweeps
+    assert first.velocity == 0.5
+    # without a trigger so few profiles need a faster table
+    with pytest.raises(ParameterError, match=r'the limit is 0\.5'):
+        plan(profiles=100, motion_of_table=limits)
+
+
+def test_step_motion_needs_no_trigger():
+    (sweep,) = triggered(0.02, motion='step', profiles=4).sweeps
+    assert (sweep.profiles, sweep.trigger_step) == (4, 0.0)
+
+
+def test_closure_of_a_triggered_sweep_counts_in_trigger_steps():
+    (sweep,) = triggered(math.radians(0.8), profiles=100, lasers=('left',)).sweeps
+    assert sweep.profiles == 450 + sweep.closing
+    assert sweep.closing == math.ceil(15.0 / 0.8)
+    assert sweep.span == pytest.approx(math.radians(0.8) * sweep.profiles)

@@ -12,13 +12,18 @@ def judged(**table):
     return outcome.code, outcome.detail
 
 
-@pytest.mark.parametrize('code', ['SLIPPED', 'NOT_CONVERGED'])
+@pytest.mark.parametrize('code', ['SLIPPED', 'NOT_CONVERGED', 'TRIGGER_REFUSED'])
 def test_scan_whose_views_disagree_is_not_ok(code):
     assert judged(code=code, detail='by +5.00 degrees') == (code, 'by +5.00 degrees')
 
 
 def test_scan_that_could_not_be_checked_says_so_beside_ok():
     assert judged(code='UNCHECKED', detail='one sweep') == ('OK', 'UNCHECKED: one sweep')
+
+
+def test_what_the_triggers_lack_is_said_beside_ok():
+    said = judged(code='OK', detail='', triggers='view 0: 3 steps without a picture')
+    assert said == ('OK', 'triggers: view 0: 3 steps without a picture')
 
 
 def test_advice_of_the_lasers_is_said_beside_ok():

@@ -1,5 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
 import math
 import os
 import signal
@@ -69,7 +70,7 @@ def test_full_truth_file_overwrites_the_oldest_records(tmp_path):
     assert reader.mean_laser_powers(5009.1, 5009.2)[0] == pytest.approx(4999.0)
 
 
-@pytest.mark.parametrize('content', [b'', b'\0' * 262208])
+@pytest.mark.parametrize('content', [b'', b'\0' * 393280])
 def test_file_of_another_format_is_refused(tmp_path, content):
     (tmp_path / 'truth').write_bytes(content)
     with pytest.raises(FileError):
@@ -125,6 +126,50 @@ def test_camera_sees_the_laser_that_the_controller_turned_on(tmp_path, descripti
         with pytest.raises(CameraLostError, match='not open'):
             camera.grab(0.1)
     assert list((tmp_path / 'cell').iterdir()) == []
+
+
+def test_camera_exposes_on_the_pulses_of_the_axis(tmp_path, description):
+    step = math.radians(2.0)
+    cell = description.cell
+    cell = replace(cell, turntable=replace(cell.turntable, trigger_step=step))
+    folder = LiveFolder(tmp_path / 'cell')
+    with live_cell(folder, replace(description, cell=cell)) as emulator:
+        exposure = Exposure(frame_rate=50.0, seconds=0.002, triggered=True)
+        camera = SimulatedCamera(folder.folder, exposure)
+        camera.open()
+        assert camera.grab(0.1) is None, 'the axis stands'
+        controller = GrblController(ControllerSettings(port=str(folder.controller), lasers={}))
+        controller.open()
+        truth = TruthReader(folder.truth)
+        offset = time.time() - time.monotonic()
+        angles = []
+        for drop in (0.0, 1.0):
+            emulator.fault(f'trigger drop {drop}')
+            target = math.radians(31.0) * (1.0 + drop)
+            controller.move_to(target, 0.3, 4.0)
+            deadline = time.monotonic() + 20.0
+            while truth.table_state(time.monotonic())[0] < target - 1e-3:
+                assert time.monotonic() < deadline
+                picture = camera.grab(0.1)
+                if picture is not None:
+                    angles.append(truth.table_state(picture.stamp_ns * 1e-9 - offset)[0])
+        controller.close()
+        camera.close()
+        with pytest.raises(ValueError, match='trigger'):
+            emulator.fault('trigger triple 0.5')
+    # a computer that is busy may be too late for some
+    numbers = np.array(angles) / step
+    assert len(numbers) >= 3
+    assert numbers.max() < 16.0
+    np.testing.assert_allclose(numbers, np.round(numbers), atol=0.01)
+
+
+def test_cell_without_a_trigger_line_has_no_fault_of_it(tmp_path, description):
+    with (
+        live_cell(LiveFolder(tmp_path / 'cell'), description) as emulator,
+        pytest.raises(ValueError, match='no trigger line'),
+    ):
+        emulator.fault('trigger drop 0.5')
 
 
 def test_folder_without_a_cell_is_refused(tmp_path):

@@ -15,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
 import numpy as np
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
@@ -54,6 +55,7 @@ class FakeCell:
     stands_from : position of the table, radians, beyond which it does not move
     clock_change_s : seconds by which the clock of camera and table was set
     stalls : ranges of the position of the table, radians, where the camera stands still
+    triggered : values that the parameter of the camera was set to, in order
     """
 
     def __init__(self, client):
@@ -73,6 +75,7 @@ class FakeCell:
         self.clock_change_s = 0.0
         self.stands_from = float('inf')
         self.stalls = []
+        self.triggered = []
         self.motion = (0.0, 0.0, 0.0, 0.0)  # start and target in radians, begin and end in seconds
         self.seq = 0
         self.last = {}
@@ -97,6 +100,20 @@ class FakeCell:
         for node in (self.node, *self.nodes.values()):
             self.client.executor.remove_node(node)
             node.destroy_node()
+
+    def add_camera(self, trigger):
+        """Add a node camera with a trigger line; while triggered it exposes in motion only."""
+        node = Node('camera', namespace='/ivfmc', context=self.client.context)
+        node.declare_parameter('trigger', trigger)
+        node.declare_parameter('triggered', True)
+
+        def note(parameters):
+            self.triggered += [p.value for p in parameters if p.name == 'triggered']
+            return SetParametersResult(successful=True)
+
+        node.add_on_set_parameters_callback(note)
+        self.client.executor.add_node(node)
+        self.nodes['camera'] = node
 
     @property
     def position(self):
@@ -202,6 +219,9 @@ class FakeCell:
             if name not in self.without_heartbeat:
                 publisher.publish(self._header(name))
         if any(low <= self.position < high for low, high in self.stalls):
+            return
+        stands = time.monotonic() >= self.motion[3]
+        if stands and self.triggered and self.triggered[-1]:
             return
         camera = small_cell().camera
         info = CameraInfo(width=camera.width, height=camera.height, distortion_model=camera.model)

@@ -191,6 +191,9 @@ def own_parameters(run: CellRun, node: str) -> dict[str, Any]:
     if run.simulate:
         place = str(run.simulation.absolute())
         found.setdefault('camera', {}).update({'backend': 'simulated', 'simulation': place})
+        if table is not None and table.trigger_step:
+            # a scan switches it on for each sweep
+            found['camera'].update({'trigger': 'table', 'triggered': False})
         found.setdefault('turntable', {})['port'] = f'{place}/controller'
     return found.get(node, {})
 

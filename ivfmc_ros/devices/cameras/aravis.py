@@ -38,7 +38,8 @@ class AravisSettings:
     region : (x, y, width, height) in pixels of the sensor, None for the whole sensor
     binning : sensor pixels that make one pixel, in both directions
     packet_size : bytes of a GigE packet; 0 for the greatest that passes
-    trigger : line that starts each exposure, such as Line1; '' for a free-running camera
+    trigger : line that starts each exposure while ``Exposure.triggered``, such as Line1; '' for a
+        free-running camera
     latency : seconds from the start of the exposure to the camera's timestamp
 
     :raises ParameterError: the pixel format is another one
@@ -75,6 +76,7 @@ class AravisCamera:
         self._serial: str | None = None
         self._clock = ClockFit()
         self._exposure_changed = False
+        self._is_triggered = False
         self.warning = ''
 
     def open(self) -> None:
@@ -113,6 +115,7 @@ class AravisCamera:
             raise CameraLostError('camera: is not open')
         if self._exposure_changed:
             self._apply_exposure()
+            self._switch_trigger()
         buffer = self._stream.timeout_pop_buffer(round(timeout * _MICROSECONDS))
         if buffer is None:
             return None
@@ -200,12 +203,33 @@ class AravisCamera:
                 refused.append(f'{name} {value:g} was asked for, the camera has {found:g}')
         self.warning = '; '.join(refused)
 
+    def _switch_trigger(self) -> None:
+        """
+        Begin or end to expose on the line, between two acquisitions.
+
+        :raises CameraLostError: the camera does not take it
+        """
+        if self._exposure.triggered == self._is_triggered:
+            return
+        try:
+            # GenICam cameras lock TriggerMode during an acquisition
+            self._camera.stop_acquisition()
+            self._apply_trigger()
+            self._camera.start_acquisition()
+        except Exception as error:  # of GLib, see above
+            raise CameraLostError(f'camera: trigger {self._settings.trigger}: {error}') from error
+
+    def _apply_trigger(self) -> None:
+        self._is_triggered = self._exposure.triggered
+        if self._is_triggered and self._settings.trigger:
+            # sets TriggerSelector, TriggerMode, TriggerSource, and TriggerActivation: rising edge
+            self._camera.set_trigger(self._settings.trigger)
+        else:
+            self._camera.clear_triggers()
+
     def _start(self) -> None:
         settings, camera = self._settings, self._camera
-        if settings.trigger:
-            camera.set_trigger(settings.trigger)
-        else:
-            camera.clear_triggers()
+        self._apply_trigger()
         if camera.is_gv_device():
             if settings.packet_size:
                 camera.gv_set_packet_size(settings.packet_size)

@@ -4,6 +4,7 @@
 
 from collections.abc import Callable
 from collections.abc import Mapping
+import math
 import threading
 import time
 
@@ -84,7 +85,7 @@ class Capture:
         return {} if self._watch is None else dict(self._watch.counts)
 
     def set_exposure(self, exposure: Exposure) -> None:
-        """Apply exposure, gain and frame rate to the following images."""
+        """Apply exposure, gain, frame rate and trigger to the following images."""
         self._exposure = exposure
         self._camera.set_exposure(exposure)
 
@@ -107,8 +108,12 @@ class Capture:
             watch.restart()
         while not self._closing.is_set():
             image = self._camera.grab(_GRAB_TIMEOUT)
-            now, period = time.monotonic(), 1 / self._exposure.frame_rate
+            now, exposure = time.monotonic(), self._exposure
+            period = math.inf if exposure.triggered else 1 / exposure.frame_rate
             if image is None or not (watch is None or watch.accepts(image, period, now)):
+                if exposure.triggered:
+                    # a table that stands triggers none, and the camera is open
+                    self._last_s, self._fault = now, '' if watch is None else watch.fault
                 continue
             self._last_s, self._fault = now, '' if watch is None else watch.fault
             self.image_count += 1

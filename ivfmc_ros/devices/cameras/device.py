@@ -31,6 +31,8 @@ class Exposure:
     frame_rate : images per second that the camera is asked for
     seconds : exposure time of each image
     gain : amplification, 1 is the camera's own sensitivity
+    triggered : each exposure is started by a pulse on the camera's trigger line; false: by the
+        camera itself, at ``frame_rate``
 
     :raises ParameterError: a value is out of range, or the exposure is longer than the period
     """
@@ -38,6 +40,7 @@ class Exposure:
     frame_rate: float = 15.0
     seconds: float = 0.005
     gain: float = 1.0
+    triggered: bool = False
 
     def __post_init__(self) -> None:
         require_in_range('frame_rate', self.frame_rate, 0.1, 1000.0, 'Hz')
@@ -52,7 +55,7 @@ class Exposure:
 
 class CameraDevice(Protocol):
     """
-    A free-running camera. One thread opens it, grabs and closes it.
+    A camera. One thread opens it, grabs and closes it.
 
     warning : which settings the camera did not take, '' if it took all; measuring with automatic
         exposure, gain or white balance is guessing

@@ -36,7 +36,8 @@ from ivfmc_ros.registration.merge.merge import require_several
 from ivfmc_ros.registration.misfit import laser_misfit
 from ivfmc_ros.registration.misfit import Misfit
 from ivfmc_ros.registration.slip import check_registration
-from ivfmc_ros.registration.slip import TableCheck
+from ivfmc_ros.registration.table_check import TableCheck
+from ivfmc_ros.registration.table_check import with_triggers
 from ivfmc_ros.registration.views.motion_fit import SweepMotion
 from ivfmc_ros.results import merge_report
 from ivfmc_ros.stopwatch import Stopwatch
@@ -207,7 +208,8 @@ def check() -> CheckedViews:
     watch = Stopwatch()
     with watch.stage('check'):
         misfit = laser_misfit(placed.views, placed.poses)
-        table = check_registration(placed.views, placed.poses, placed.verdicts, cell)
+        surfaces = check_registration(placed.views, placed.poses, placed.verdicts, cell)
+        table = with_triggers(surfaces, placed.motions)
     return CheckedViews(misfit=misfit, table=table, seconds=watch.seconds)
 
 

@@ -8,17 +8,15 @@ from collections.abc import Sequence
 import math
 from typing import Any
 
-from sensor_msgs.msg import CameraInfo
-
 from ivfmc_ros.errors import BusyError
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.errors import TimeoutExceededError
-from ivfmc_ros.nodes.framework.adaptive_subscription import AdaptiveSubscription
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.futures import Condition
 from ivfmc_ros.nodes.framework.futures import ServiceClients
 from ivfmc_ros.nodes.scanning.beam_control import BeamControl
+from ivfmc_ros.nodes.scanning.camera_control import CameraControl
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
 from ivfmc_ros.nodes.scanning.cell_link import JOINTS
 from ivfmc_ros.nodes.scanning.mesh_verdict import judge_mesh
@@ -102,6 +100,8 @@ class GraphTools:
             scan_id=context.scan_id,
         )
         self._beam = BeamControl(node, link, self._until, context.patience, context.scan_id)
+        triggered = any(sweep.trigger_step for sweep in context.plan.sweeps)
+        self._camera = CameraControl(node, services, self._until, self._guard, triggered=triggered)
         self._standstill_ns = 0
         self.bag: Mapping[str, Any] = {}
         self.has_figures = False
@@ -130,7 +130,7 @@ class GraphTools:
         # messages of the previous scan that were still in the queues
         self._link.start_scan()
         await self._start_recording()
-        self.camera_info = await self._first_message(CameraInfo, 'camera_info', 'CAMERA_LOST')
+        self.camera_info = await self._camera.first_info()
         await self._require_steps()
         if context.home:
             await self._services.trigger('turntable/home', _HOMING_S, self._guard)
@@ -266,6 +266,10 @@ class GraphTools:
             )
         return rate
 
+    async def trigger_camera(self, *, on: bool) -> None:
+        """Start each exposure by the table's trigger, or at the camera's own rate."""
+        await self._camera.trigger(on=on)
+
     async def wait_for_sweep_profiles(self, sweep: Sweep) -> None:
         """Return when all images of the sweep have been processed."""
         # images are processed in order, and the last one is exposed at standstill
@@ -358,6 +362,7 @@ class GraphTools:
         for node, service in (('turntable', 'stop'), (self._working, 'cancel')):
             if not self._guard.is_lost(node) and self._services.has(f'{node}/{service}'):
                 await self._log_error(self._services.trigger(f'{node}/{service}', _ABORT_S))
+        await self._log_error(self._camera.release())
         if 'triangulator' in self._guard.watched and not self._guard.is_lost('triangulator'):
             await self._log_error(self._services.set('triangulator', self._no_views()))
         if self._guard.recording:
@@ -370,15 +375,6 @@ class GraphTools:
         return await self._services.trigger(
             'recorder/stop', seconds, lambda: self._link.watch.require_alive(['recorder'])
         )
-
-    async def _first_message(self, kind: type, topic: str, code: str) -> Any:
-        got: list[Any] = []
-        subscription = AdaptiveSubscription(self._node, kind, topic, got.append)
-        try:
-            await self._until(lambda: bool(got), _RESPONSE_S, f'a message on {topic}', code)
-        finally:
-            subscription.destroy()
-        return got[0]
 
     async def _until(self, condition: Condition, seconds: float, what: str, code: str) -> None:
         try:

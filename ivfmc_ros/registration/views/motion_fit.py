@@ -25,6 +25,7 @@ from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Profile
+from ivfmc_ros.registration.views.trigger_grid import TriggerCheck
 
 # The table stands below this speed, rad/s: it moves 0.04 mrad in the 20 ms of a delay.
 _MIN_SPEED = 2e-3
@@ -63,6 +64,8 @@ class SweepMotion:
     jitter : seconds, rms of the reported positions about the fitted motion
     used, dropped : number of profiles at constant speed, and in a lead-in or lead-out
     why : reason why the reported angles were kept although the table turned; else empty
+    trigger : numbering of the pictures by the steps of the trigger; None for a camera that the
+        table does not trigger
     """
 
     view: int
@@ -71,6 +74,7 @@ class SweepMotion:
     used: int = 0
     dropped: int = 0
     why: str = ''
+    trigger: TriggerCheck | None = None
 
 
 def refit(profiles: Iterable[Profile]) -> tuple[list[Profile], list[SweepMotion]]:
@@ -111,7 +115,7 @@ def _refit_view(number: int, profiles: Sequence[Profile]) -> tuple[list[Profile]
         why = 'the table turned, but not at a constant speed; the reported angles are used'
         return list(profiles), SweepMotion(view=number, used=len(profiles), why=why)
     turned = [
-        _turned(profiles[index], angle)
+        turned_to(profiles[index], angle)
         for section in sections
         for index, angle in zip(section.chosen, section.angles, strict=True)
     ]
@@ -277,7 +281,8 @@ def _ramp_end(seconds: Floats, late: Floats, off: Bools) -> float:
     return end + _CLEARANCE_S
 
 
-def _turned(profile: Profile, angle: float) -> Profile:
+def turned_to(profile: Profile, angle: float) -> Profile:
+    """Return the profile at another table angle, radians: its points turn about the axis."""
     change = float(angle) - profile.angle
     return replace(
         profile,

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Camera of a simulated cell: renders the true table position and laser power of an exposure."""
 
+import math
 from pathlib import Path
 import time
 
@@ -25,11 +26,17 @@ NOMINAL_EXPOSURE = 0.005  # seconds, at which the gray values of Optics are vali
 
 _DARK_POOL_SIZE = 1.5  # dark pixels, in images; each image takes a random section of the pool
 _TRUTH_DELAY = 0.002  # seconds by which the process of the cell may write late
+_TRIGGER_POLL = 0.005  # seconds between looks for pulses of the trigger line
+# Seconds: pulses that are older than this, while images are rendered, find no free buffer.
+_MAX_TRIGGER_AGE = 0.4
 
 
 class SimulatedCamera:
     """
     A CameraDevice in a simulated cell.
+
+    While it is triggered, each pulse of the cell's trigger line starts an exposure; a pulse in an
+    exposure is ignored, as by a real camera.
 
     folder : of the simulated cell, see LiveFolder
     """
@@ -41,6 +48,7 @@ class SimulatedCamera:
         self._truth: TruthReader | None = None
         self._scene: LiveScene | None = None
         self._last_image: NDArray[np.uint8] | None = None
+        self._exposed_until = -math.inf
 
     def open(self) -> None:
         """
@@ -66,11 +74,13 @@ class SimulatedCamera:
         exposure = self._exposure
         if self._truth is None or self._scene is None:
             raise CameraLostError('simulated camera: is not open')
-        if self._timer.wait_next(1 / exposure.frame_rate, timeout) is None:
+        start = self._next_start(self._truth, exposure, timeout)
+        if start is None:
             return None
-        start, stamp_ns = time.monotonic(), time.time_ns()
+        stamp_ns = time.time_ns() - round((time.monotonic() - start) * 1e9)
+        self._exposed_until = start + exposure.seconds
         # motion and lasers during the exposure are known after it
-        time.sleep(exposure.seconds + _TRUTH_DELAY)
+        time.sleep(max(0.0, self._exposed_until + _TRUTH_DELAY - time.monotonic()))
         if not LiveFolder(self._folder).truth.exists():
             raise CameraLostError(
                 f'simulated camera: {self._folder}: the simulated cell has ended'
@@ -96,6 +106,20 @@ class SimulatedCamera:
         if fault == 'unplug':
             raise CameraLostError('simulated camera: is unplugged')
         return fault
+
+    def _next_start(self, truth: TruthReader, exposure: Exposure, timeout: float) -> float | None:
+        """Return when the next exposure begins or began, steady seconds; None after a timeout."""
+        if not exposure.triggered:
+            due = self._timer.wait_next(1 / exposure.frame_rate, timeout)
+            return None if due is None else time.monotonic()
+        end = time.monotonic() + timeout
+        while exposure is self._exposure:
+            now = time.monotonic()
+            pulses = truth.triggers_after(max(self._exposed_until, now - _MAX_TRIGGER_AGE))
+            if pulses or now >= end:
+                return pulses[0] if pulses else None
+            time.sleep(_TRIGGER_POLL)
+        return None
 
     def set_exposure(self, exposure: Exposure) -> None:
         """Apply exposure, gain and frame rate to the following images."""

@@ -1,7 +1,8 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""True table motion and laser power of a simulated cell, in memory shared between processes."""
+"""True table motion, laser power and triggers of a simulated cell, in memory that is shared."""
 
+from collections.abc import Sequence
 from pathlib import Path
 import time
 
@@ -12,20 +13,23 @@ from ivfmc_ros.devices.motion.trajectory import Trajectory
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.model import Floats
 
-_MAGIC = 20261123.0  # marks the file format
+_MAGIC = 20261128.0  # marks the file format
 _CAPACITY = 4096  # records of each ring; the oldest are overwritten
 _RECORD_SIZE = 4  # numbers per record
-_HEADER_SIZE = 8  # numbers: magic, version, count of segments, count of laser changes, 4 unused
+# numbers: magic, version, counts of segments, laser changes, triggers, 3 unused
+_HEADER_SIZE = 8
 _MAX_RETRIES = 1000  # a write takes microseconds
-_FILE_SIZE = _HEADER_SIZE + 2 * _CAPACITY * _RECORD_SIZE  # numbers
+_RINGS = 3
+_FILE_SIZE = _HEADER_SIZE + _RINGS * _CAPACITY * _RECORD_SIZE  # numbers
 
 
 class _TruthFile:
     """
-    Memory-mapped file: a header, a ring of segments and a ring of laser changes, all float64.
+    Memory-mapped file: a header, and rings of segments, laser changes and triggers, all float64.
 
     A segment is (time, position, velocity, acceleration) as in Segment, in radians; it is valid
-    until the next. A laser change is (time, power of the first laser, power of the second, 0).
+    until the next. A laser change is (time, power of the first laser, power of the second, 0), a
+    trigger (time of the pulse, 0, 0, 0).
     Times are seconds of time.monotonic, which is the same for all processes. The version is odd
     during a write (a sequence lock), so that a reader knows when to read again.
     """
@@ -33,8 +37,8 @@ class _TruthFile:
     def __init__(self, path: Path, mode: str) -> None:
         numbers = np.memmap(path, dtype=np.float64, mode=mode, shape=(_FILE_SIZE,))  # type: ignore[call-overload]
         self.header = numbers[:_HEADER_SIZE]
-        rings = numbers[_HEADER_SIZE:].reshape(2, _CAPACITY, _RECORD_SIZE)
-        self.segments, self.laser_changes = rings
+        rings = numbers[_HEADER_SIZE:].reshape(_RINGS, _CAPACITY, _RECORD_SIZE)
+        self.segments, self.laser_changes, self.triggers = rings
 
 
 class TruthWriter:
@@ -64,6 +68,12 @@ class TruthWriter:
         """Set the powers of the lasers from ``now`` on, 0 to 1 of full power."""
         count = int(self._file.header[3])
         self._append(3, self._file.laser_changes, count, np.array([(now, *powers, 0.0)]))
+
+    def write_triggers(self, times: Sequence[float]) -> None:
+        """Add pulses of the trigger line, ascending."""
+        rows = np.zeros((len(times), _RECORD_SIZE))
+        rows[:, 0] = times
+        self._append(4, self._file.triggers, int(self._file.header[4]), rows)
 
     def _append(self, counter: int, ring: Floats, count: int, rows: Floats) -> None:
         header = self._file.header
@@ -105,6 +115,11 @@ class TruthReader:
         rows = self._rows(3, self._file.laser_changes)
         edges = np.clip(np.append(rows[:, 0], np.inf), start, stop)
         return np.asarray(np.diff(edges) @ rows[:, 1:3] / (stop - start))
+
+    def triggers_after(self, time: float) -> list[float]:
+        """Return the times of the pulses of the trigger line after ``time``, ascending."""
+        times = self._rows(4, self._file.triggers)[:, 0]
+        return [float(value) for value in times[times > time]]
 
     def _rows(self, counter: int, ring: Floats) -> Floats:
         """Return a consistent copy of a ring, the oldest first."""

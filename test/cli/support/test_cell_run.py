@@ -38,6 +38,16 @@ def test_table_has_the_name_that_the_cell_gives_it(run, node):
     assert 'joint:=axis' in parameters(command(run, node))
 
 
+def test_simulated_camera_of_a_cell_with_a_trigger_is_connected_to_it(run):
+    words = parameters(command(replace(run, simulate=True), 'camera'))
+    assert not any(word.startswith('trigger') for word in words)
+    cell = small_cell()
+    table = replace(cell.turntable, trigger_step=0.02)
+    save_cell(run.cell, replace(cell, turntable=table))
+    words = parameters(command(replace(run, simulate=True), 'camera'))
+    assert {'trigger:=table', 'triggered:=false'} <= set(words)
+
+
 def test_what_is_set_by_hand_is_stronger(run):
     overrides = parse_overrides(['turntable.joint=other', 'turntable.velocity=2'])
     words = parameters(command(replace(run, overrides=overrides), 'turntable'))

@@ -100,3 +100,43 @@ def test_missing_library_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, 'gi', None)
     with pytest.raises(CameraLostError, match=r'gir1\.2-aravis-0\.8'):
         load_aravis()
+
+
+class TriggeredCamera:
+    """What is called of a camera of Aravis to switch its trigger."""
+
+    def __init__(self, *, locked=False):
+        self.calls, self.locked = [], locked
+
+    def set_trigger(self, line):
+        if self.locked:
+            raise RuntimeError('TriggerMode is not writable')
+        self.calls.append(f'trigger {line}')
+
+    def clear_triggers(self):
+        self.calls.append('free')
+
+    def stop_acquisition(self):
+        self.calls.append('stop')
+
+    def start_acquisition(self):
+        self.calls.append('start')
+
+
+def switched(*exposures, **camera):
+    device = AravisCamera(AravisSettings(trigger='Line1'), Exposure())
+    device._camera = TriggeredCamera(**camera)
+    for triggered in exposures:
+        device.set_exposure(Exposure(triggered=triggered))
+        device._switch_trigger()
+    return device._camera.calls
+
+
+def test_trigger_is_switched_between_acquisitions_and_only_when_it_changes():
+    calls = switched(False, True, True, False)
+    assert calls == ['stop', 'trigger Line1', 'start', 'stop', 'free', 'start']
+
+
+def test_camera_that_refuses_the_trigger_is_an_error():
+    with pytest.raises(CameraLostError, match='trigger Line1: TriggerMode is not writable'):
+        switched(True, locked=True)

@@ -7,11 +7,13 @@ import cv2
 import numpy as np
 import pytest
 
+from ivfmc_ros.devices.cameras import capture as capture_module
 from ivfmc_ros.devices.cameras.capture import Capture
 from ivfmc_ros.devices.cameras.device import CameraImage
 from ivfmc_ros.devices.cameras.device import Exposure
 from ivfmc_ros.devices.cameras.folder import FolderCamera
 from ivfmc_ros.devices.cameras.frame_timer import FrameTimer
+from ivfmc_ros.devices.cameras.frame_watch import FrameWatch
 from ivfmc_ros.devices.cameras.opencv import OpencvCamera
 from ivfmc_ros.errors import CameraLostError
 from ivfmc_ros.errors import ParameterError
@@ -149,3 +151,33 @@ def test_missing_opencv_camera_is_refused(tmp_path):
 def test_exposure_out_of_range_is_refused(wrong):
     with pytest.raises(ParameterError):
         Exposure(**wrong)
+
+
+class SilentCamera(FragileCamera):
+    """Opens and gives no image, as one whose trigger does not come."""
+
+    def grab(self, timeout):
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize('triggered', [True, False])
+def test_silence_is_a_fault_of_a_free_running_camera_only(monkeypatch, triggered):
+    monkeypatch.setattr(capture_module, '_LOST_AFTER', 0.05)
+    capture = Capture(SilentCamera(), Exposure(triggered=triggered), lambda picture: None)
+    capture.start()
+    deadline = time.monotonic() + 5.0
+    wanted = '' if triggered else 'the camera delivers no images'
+    while capture.fault != wanted and time.monotonic() < deadline:
+        time.sleep(0.01)
+    time.sleep(0.3)
+    assert capture.fault == wanted
+    capture.stop()
+
+
+def test_pause_of_the_triggers_is_no_missing_image():
+    watch = FrameWatch()
+    for number, now in enumerate((0.0, 0.1, 9.0)):
+        image = np.full((4, 4), number, np.uint8)
+        picture = CameraImage(image=image, stamp_ns=time.time_ns())
+        assert watch.accepts(picture, math.inf, now)
+    assert watch.counts['missing'] == 0
