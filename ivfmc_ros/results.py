@@ -4,11 +4,15 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from datetime import datetime
+from datetime import UTC
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ivfmc_ros import __version__
 from ivfmc_ros import files
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
@@ -17,7 +21,9 @@ from ivfmc_ros.inspection import deviation
 from ivfmc_ros.inspection.reports import json_report
 from ivfmc_ros.inspection.reports import overview
 from ivfmc_ros.inspection.reports.html import write_html
+from ivfmc_ros.inspection.reports.pdf import print_pdf
 from ivfmc_ros.inspection.reports.scan_page import mesh_figures
+from ivfmc_ros.inspection.reports.scan_page import mesh_still
 from ivfmc_ros.inspection.reports.scan_page import scan_page
 from ivfmc_ros.meshing.geometry.cut_rim import rim_figures
 from ivfmc_ros.meshing.io import export
@@ -25,6 +31,8 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.pipeline import Reconstruction
 from ivfmc_ros.registration.merge.merge import Merged
 from ivfmc_ros.registration.self_calibration.refine import RefinementResult
+from ivfmc_ros.scan.title_block import cell_texts
+from ivfmc_ros.scan.title_block import digest
 from ivfmc_ros.stopwatch import Stopwatch
 from ivfmc_ros.surface import Surface
 
@@ -36,6 +44,8 @@ def write_results(
     source: str,
     skipped: Mapping[str, int],
     nominal: Surface | None = None,
+    *,
+    pdf: bool = False,
 ) -> Mapping[str, Any]:
     """
     Write a result folder atomically, and return its report.
@@ -43,6 +53,8 @@ def write_results(
     source : name of the scan or bag, for the report
     skipped : number of pictures that were not used, by reason
     nominal : true surface in ``turntable`` to compare with, if it is known
+    pdf : print the page as report.pdf too
+    :raises NotReadyError: there is no browser that prints
     :raises FileError: the folder has files already, or cannot be written
     """
     points, sigma = merged_cloud(made)
@@ -56,35 +68,72 @@ def write_results(
             # a reconstruction from stored profiles has no pictures
             if made.samples:
                 overview.write_stripe_sheet(target / 'stripes.png', made.samples)
-        document: dict[str, Any] = {
-            'source': source,
-            'unit': {'files': made.settings.export_unit, 'report': 'm'},
-            'scale': json_report.scale(cell),
-            'parameters': asdict(made.settings),
-            'counts': {**made.counts, 'skipped': dict(skipped)},
-            'seconds': {**made.seconds, **watch.seconds},
-            'mesh': {
-                **mesh_figures(made.mesh),
-                'cut_rim': rim_figures(made.mesh, made.settings.acquisition.volume),
-            },
-            'residuals': json_report.residuals(cell, made.views, made.verdicts),
-        }
-        document.update(table_report(made))
-        if made.clipping is not None:
-            document['volume'] = asdict(made.clipping)
-        if made.misfit is not None:
-            document['lasers'] = asdict(made.misfit)
         if made.refined is not None:
-            document['refined'] = refinement_report(made.refined)
             save_cell(target / 'cell.yaml', made.refined.cell)
-        if made.merged is not None:
-            document['merge'] = merge_report(made.merged)
+        document = _document(cell, made, source, skipped, watch)
         if nominal is not None:
             document['deviation_m'] = deviation_report(points, made.mesh.vertices_xyz, nominal)
         json_report.write_report(target / 'report.json', document)
-        page = scan_page(source, made.mesh, made.views, made.poses, made.samples, document)
+        page = scan_page(
+            source,
+            made.mesh,
+            made.views,
+            made.poses,
+            made.samples,
+            document,
+            _heading(cell, source, document),
+            mesh_still(target / 'mesh.png'),
+        )
         write_html(target / 'report.html', page)
+        if pdf:
+            print_pdf(target / 'report.html', target / 'report.pdf')
     return document
+
+
+def _document(
+    cell: Cell,
+    made: Reconstruction,
+    source: str,
+    skipped: Mapping[str, int],
+    watch: Stopwatch,
+) -> dict[str, Any]:
+    """Return the figures of the report, without those that need a nominal."""
+    document: dict[str, Any] = {
+        'source': source,
+        'unit': {'files': made.settings.export_unit, 'report': 'm'},
+        'scale': json_report.scale(cell),
+        'parameters': asdict(made.settings),
+        'counts': {**made.counts, 'skipped': dict(skipped)},
+        'seconds': {**made.seconds, **watch.seconds},
+        'mesh': {
+            **mesh_figures(made.mesh),
+            'cut_rim': rim_figures(made.mesh, made.settings.acquisition.volume),
+        },
+        'residuals': json_report.residuals(cell, made.views, made.verdicts),
+    }
+    document.update(table_report(made))
+    if made.clipping is not None:
+        document['volume'] = asdict(made.clipping)
+    if made.misfit is not None:
+        document['lasers'] = asdict(made.misfit)
+    if made.refined is not None:
+        document['refined'] = refinement_report(made.refined)
+    if made.merged is not None:
+        document['merge'] = merge_report(made.merged)
+    return document
+
+
+def _heading(cell: Cell, source: str, document: Mapping[str, Any]) -> dict[str, str]:
+    """Return the title block of the page; the operator signs on paper."""
+    settings = json.dumps(document['parameters'], sort_keys=True, default=str)
+    texts = {
+        'source': source,
+        'time (UTC)': f'{datetime.now(UTC):%Y-%m-%d %H:%M:%S}',
+        **cell_texts(cell),
+        'settings (SHA-256)': digest(settings.encode()),
+        'software': f'ivfmc_ros {__version__}',
+    }
+    return {**{name: text for name, text in texts.items() if text}, 'operator': ''}
 
 
 def merged_cloud(made: Reconstruction) -> tuple[Floats, Floats]:

@@ -35,10 +35,14 @@ class Hits:
 
     distance : (n,) float64, in lengths of the ray's direction; inf where there is none
     normals : (n, 3) float64, unit normals of the faces that are hit
+    faces : (n,) int64, indices of these faces; -1 where there is none
+    weights : (n, 3) float64, barycentric weights of the corners of these faces
     """
 
     distance: Floats
     normals: Floats
+    faces: Ints
+    weights: Floats
 
 
 class Surface:
@@ -76,9 +80,14 @@ class Surface:
         """Cast rays from (n, 3) or (3,) origins along (n, 3) or (3,) directions."""
         rays = np.concatenate(np.broadcast_arrays(origins, directions), axis=1)
         found = self._scene.cast_rays(_single(rays))
+        distance = found['t_hit'].numpy().astype(np.float64)
+        u, v = found['primitive_uvs'].numpy().astype(np.float64).T
+        faces = found['primitive_ids'].numpy().astype(np.int64)
         return Hits(
-            distance=found['t_hit'].numpy().astype(np.float64),
+            distance=distance,
             normals=found['primitive_normals'].numpy().astype(np.float64),
+            faces=np.where(np.isfinite(distance), faces, -1),
+            weights=np.stack([1.0 - u - v, u, v], axis=1),
         )
 
 

@@ -22,7 +22,8 @@ from ivfmc_ros.pictures import read_picture
 _RED, _GREEN, _BLUE = '#d62728', '#2ca02c', '#1f77b4'
 # Grid cells across the picture, one arrow of the mean residual in each.
 _ARROW_COLUMNS = 12
-_ARROW_SCALE = 300  # pixels drawn for a mean residual of one pixel
+# Share of a grid cell that the longest arrow takes.
+_ARROW_SHARE = 0.8
 _MIN_CORNERS_PER_ARROW = 10  # fewer corners give no stable mean
 
 
@@ -41,8 +42,9 @@ def draw_camera(path: Path, result: CameraCalibration) -> None:
     spots.set(xlim=(-limit, limit), ylim=(limit, -limit), aspect='equal')
     spots.set(xlabel='u error, px', ylabel='v error, px', title=f'rms {result.rms:.3f} px')
     spots.grid(alpha=0.3)
-    _draw_means(places, result.camera, uv, residuals)
-    places.set_title(f'corners, mean errors x {_ARROW_SCALE}; {result.coverage:.0%} covered')
+    scale = _draw_means(places, result.camera, uv, residuals)
+    arrows = f'arrows: mean errors, {scale:,.0f} times' if scale else 'too few for mean errors'
+    places.set_title(f'corners, px; {arrows}; {result.coverage:.0%} covered')
     bars.bar(range(len(result.used)), result.view_rms, color=_BLUE, width=1.0)
     bars.axhline(result.rms, color=_RED, linewidth=1)
     bars.set(xlabel='view', ylabel='rms, px')
@@ -98,11 +100,22 @@ def draw_turntable(path: Path, result: TurntableCalibration, camera: Camera) -> 
         f'{source.name}: axis, circle through the outermost corner; cross: projected corner'
     )
     scene.axis('off')
-    degrees = np.degrees(angle_steps(list(result.angles.values())))
-    steps.bar(range(1, 1 + len(degrees)), degrees, color=_BLUE, width=0.9)
-    steps.set(xlabel='picture', ylabel='turn since the previous picture, degrees')
-    steps.set_title(f'residual {result.adjusted.sigma:.2f} px; {_platter_text(result)}')
+    _draw_steps(steps, np.degrees(angle_steps(list(result.angles.values()))))
+    steps.set_title(
+        f'{steps.get_title()}\nresidual {result.adjusted.sigma:.2f} px; {_platter_text(result)}'
+    )
     _save(figure, path)
+
+
+def _draw_steps(axes: Any, degrees: Floats) -> None:
+    """Draw how far each step of the table is from the median one: all of it hides the errors."""
+    middle = float(np.median(degrees))
+    axes.bar(range(1, 1 + len(degrees)), degrees - middle, color=_BLUE, width=0.9)
+    axes.axhline(0, color='0.5', linewidth=1)
+    # uneven steps on purpose are no errors: the scale then shows them
+    limit = max(1.1 * float(np.abs(degrees - middle).max()), 1e-4)
+    axes.set(xlabel='picture', ylabel='step less the median step, degrees', ylim=(-limit, limit))
+    axes.set_title(f'median step {middle:.3f} degrees')
 
 
 def _platter_text(result: TurntableCalibration) -> str:
@@ -111,21 +124,39 @@ def _platter_text(result: TurntableCalibration) -> str:
     return f'stripe on the platter {result.platter_rms * 1e3:.2f} mm rms'
 
 
-def _draw_means(axes: Any, camera: Camera, uv: Floats, residuals: Floats) -> None:
+def _draw_means(axes: Any, camera: Camera, uv: Floats, residuals: Floats) -> float:
+    """Draw an arrow in each grid cell, and return how many times it is longer than the error."""
     axes.plot(*uv.T, '.', color='0.75', markersize=1)
     size = camera.width / _ARROW_COLUMNS
     cell = np.floor(uv / size).astype(int)
-    for key in np.unique(cell, axis=0):
-        inside = (cell == key).all(axis=1)
-        if inside.sum() >= _MIN_CORNERS_PER_ARROW:
-            middle, mean = uv[inside].mean(axis=0), residuals[inside].mean(axis=0)
-            axes.annotate(
-                '',
-                xy=middle + _ARROW_SCALE * mean,
-                xytext=middle,
-                arrowprops={'arrowstyle': '->', 'color': _RED},
-            )
+    cells = [(cell == key).all(axis=1) for key in np.unique(cell, axis=0)]
+    filled = [inside for inside in cells if inside.sum() >= _MIN_CORNERS_PER_ARROW]
+    means = np.array([residuals[inside].mean(axis=0) for inside in filled]).reshape(-1, 2)
+    scale = arrow_scale(means, _ARROW_SHARE * size)
+    for inside, mean in zip(filled, means, strict=True):
+        middle = uv[inside].mean(axis=0)
+        axes.annotate(
+            '',
+            xy=middle + scale * mean,
+            xytext=middle,
+            arrowprops={'arrowstyle': '->', 'color': _RED},
+        )
     axes.set(xlim=(0, camera.width), ylim=(camera.height, 0), aspect='equal')
+    return scale
+
+
+def arrow_scale(means: Floats, longest: float) -> float:
+    """
+    Return the magnification, 1, 2 or 5 times a power of ten, of (n, 2) mean errors in pixels.
+
+    longest : pixels that the longest arrow may take
+    :returns: 0 where there is no arrow
+    """
+    largest = float(np.linalg.norm(means, axis=1).max(initial=0.0))
+    if largest == 0.0:
+        return 0.0
+    power = 10.0 ** np.floor(np.log10(longest / largest))
+    return float(max(step * power for step in (1, 2, 5) if step * power * largest <= longest))
 
 
 def _draw_stripe(axes: Any, view: LaserView, limit: float) -> None:

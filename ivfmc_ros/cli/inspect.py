@@ -19,6 +19,7 @@ from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.cell_file import load_draft
 from ivfmc_ros.cli.support.output import console
 from ivfmc_ros.cli.support.output import json_option
+from ivfmc_ros.cli.support.output import pdf_option
 from ivfmc_ros.cli.support.output import print_json
 from ivfmc_ros.cli.support.quantities import length
 from ivfmc_ros.errors import FileError
@@ -35,6 +36,8 @@ from ivfmc_ros.inspection.mesh_file import require_similar_size
 from ivfmc_ros.inspection.reports.html import write_html
 from ivfmc_ros.inspection.reports.inspection_page import inspection_page
 from ivfmc_ros.inspection.reports.json_report import write_report
+from ivfmc_ros.inspection.reports.pdf import find_browser
+from ivfmc_ros.inspection.reports.pdf import print_pdf
 from ivfmc_ros.inspection.reports.summary import document
 from ivfmc_ros.inspection.settings import ALIGNMENTS
 from ivfmc_ros.inspection.settings import InspectSettings
@@ -151,11 +154,20 @@ _UNDECIDED = 4  # exit code
     is_flag=True,
     help='Exit with 0 for pass, 3 for fail, 4 if undecided.',
 )
+@pdf_option
 @json_option
 def inspect(
-    mesh: Path, nominal: Path, output: Path, exit_code: bool, as_json: bool, **options: Any
+    mesh: Path,
+    nominal: Path,
+    output: Path,
+    exit_code: bool,
+    pdf: bool,
+    as_json: bool,
+    **options: Any,
 ) -> None:
     """Compare MESH with its CAD model: deviations, sizes, and a verdict by ISO 14253-1."""
+    if pdf:
+        find_browser()
     settings = _settings(options)
     files.require_new_folder(output)
     cell = _cell(options['cell_path'], options['camera_path'])
@@ -172,6 +184,8 @@ def inspect(
         write_report(folder / 'report.json', figures)
         page = inspection_page(f'{mesh.name} against {nominal.name}', found, settings, figures)
         write_html(folder / 'report.html', page)
+        if pdf:
+            print_pdf(folder / 'report.html', folder / 'report.pdf')
     if as_json:
         print_json(figures)
     else:
@@ -250,8 +264,9 @@ def _print(found: Inspection, figures: dict[str, Any], output: Path) -> None:
     if found.unseen:
         stdout.print(f'not measured, not judged: {", ".join(found.unseen)}')
     stdout.print(f'verdict: {_colored(figures)}')
-    for name in ('report.html', 'report.json'):
-        stdout.print(escape(str(output / name)), soft_wrap=True)
+    for name in ('report.html', 'report.pdf', 'report.json'):
+        if (output / name).exists():
+            stdout.print(escape(str(output / name)), soft_wrap=True)
 
 
 def _surface_table(rows: list[dict[str, Any]]) -> Table:

@@ -17,6 +17,7 @@ from ivfmc_ros.errors import RecipeError
 from ivfmc_ros.scan.recipe import load_recipe
 from ivfmc_ros.scan.recipe import Recipe
 from ivfmc_ros.scan.recipe import recipe_names
+from ivfmc_ros.scan.recipe import setting_text
 
 _DEFAULT = Path('ivfmc_run/recipes')
 _COLUMNS = ('recipe', 'part', 'scan', 'nominal', 'tolerance, mm', 'description')
@@ -82,7 +83,7 @@ def _print(found: list[Recipe], errors: list[str]) -> None:
         table.add_column(column)
     for recipe in found:
         plan = recipe.inspection
-        values = ', '.join(f'{key} {_text(value)}' for key, value in recipe.scan.items())
+        values = ', '.join(f'{key} {setting_text(value)}' for key, value in recipe.scan.items())
         nominal = plan.nominal.name if plan else ''
         tolerance = f'{plan.settings.tolerance * 1e3:g}' if plan else ''
         row = (recipe.name, recipe.part, values, nominal, tolerance, recipe.description)
@@ -94,7 +95,3 @@ def _print(found: list[Recipe], errors: list[str]) -> None:
         stderr.print(f'ivfmc: error: {error}', soft_wrap=True)
     if not found and not errors:
         stdout.print('no recipes')
-
-
-def _text(value: Any) -> str:
-    return ' '.join(map(str, value)) if isinstance(value, tuple) else str(value)

@@ -14,6 +14,7 @@ from ivfmc_ros.cli.batch.run import make_jobs
 from ivfmc_ros.cli.batch.run import run_batch
 from ivfmc_ros.cli.support.output import console
 from ivfmc_ros.cli.support.output import json_option
+from ivfmc_ros.cli.support.output import pdf_option
 from ivfmc_ros.cli.support.output import print_json
 from ivfmc_ros.cli.support.progress import progress_bars
 from ivfmc_ros.cli.support.reconstruction_options import reconstruction_options
@@ -23,6 +24,8 @@ from ivfmc_ros.cli.support.source import bag_options_of
 from ivfmc_ros.cli.support.source import read_scan
 from ivfmc_ros.cli.support.source import source_options
 from ivfmc_ros.errors import HelperError
+from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.inspection.reports.pdf import find_browser
 from ivfmc_ros.pipeline import reconstruct as run
 from ivfmc_ros.pipeline import reconstruct_profiles
 from ivfmc_ros.pipeline import Reconstruction
@@ -57,6 +60,7 @@ from ivfmc_ros.storage.scans.stored_scan import load_profiles
     'folders.',
 )
 @reconstruction_options
+@pdf_option
 @json_option
 def reconstruct(
     sources: tuple[str, ...],
@@ -66,6 +70,7 @@ def reconstruct(
     root: Path,
     jobs: int,
     dask: str,
+    pdf: bool,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -80,7 +85,11 @@ def reconstruct(
     """
     settings = settings_of(options)
     reading = bag_options_of(options)
+    if pdf:
+        find_browser()
     if len(sources) > 1 or jobs > 1 or dask:
+        if pdf:
+            raise ParameterError('--pdf: is for one BAG or SCAN_ID')
         made_jobs = make_jobs(
             sources,
             output,
@@ -100,7 +109,7 @@ def reconstruct(
         made, skipped = _measure(scan, cell, settings), scan.skipped
     else:
         made, cell, skipped = _from_catalogue(root, source, cell_path, camera_path, settings)
-    document = write_results(output, cell, made, source, skipped)
+    document = write_results(output, cell, made, source, skipped, pdf=pdf)
     if bag is None:
         counts = {**document['counts'], 'residuals': document['residuals']}
         Catalogue(root).add_result(source, str(output.absolute()), {'counts': counts})
@@ -166,6 +175,14 @@ def say(output: Path, document: Mapping[str, Any]) -> None:
             f'{placed["name"]} placed on {", ".join(placed["onto"])}: {placed["overlap"]:.0%} '
             f'overlap, rms {placed["rms"] * 1e3:.4f} mm, 1 sigma {placed["sigma"] * 1e3:.4f} mm'
         )
-    for name in ('mesh.stl', 'mesh.png', 'cloud.png', 'stripes.png', 'report.html', 'report.json'):
+    for name in (
+        'mesh.stl',
+        'mesh.png',
+        'cloud.png',
+        'stripes.png',
+        'report.html',
+        'report.pdf',
+        'report.json',
+    ):
         if (output / name).exists():
             stdout.print(str(output / name), soft_wrap=True)

@@ -49,6 +49,8 @@ class Inspection:
     vertices_xyz : (n, 3) meters, of the aligned mesh; faces : (m, 3)
     deviations : (n,) meters, positive outside; NaN at vertices that were not measured
     uncertainty : (n,) meters, standard uncertainty of the deviations; NaN if it is not known
+    region_names : of all regions of the nominal, the largest first; their numbers begin at 1
+    owner : (n,) index in ``region_names`` of the region of each vertex, -1 for none
     calibrated : the uncertainty includes that of the calibration, or was stated as a whole
     unseen : names of the nominal's regions without a measured vertex; they have no verdict
     notes : what was found wrong with the nominal, and what was done about it
@@ -63,6 +65,8 @@ class Inspection:
     whole: SurfaceResult
     regions: list[SurfaceResult]
     features: list[FeatureResult]
+    region_names: list[str]
+    owner: Ints
     calibrated: bool
     unseen: list[str]
     notes: list[str]
@@ -112,6 +116,8 @@ def inspect(
         whole=measure_surface('all', comparison.measured, area, comparison),
         regions=regions,
         features=measure_features(found, comparison),
+        region_names=[region.name for region in found],
+        owner=owner,
         calibrated=settings.vertex_u is not None or len(comparison.model.rigid) > 0,
         notes=notes + placing + _notes(mesh, settings, comparison),
         misplaced=bool(placing) and alignment.method == settings.align,

@@ -40,6 +40,7 @@ class MeshBody:
     closed : the mesh has no boundary edges
     sigma : (n,) meters, 1 sigma of the noise of each vertex; None if the file does not state it
     systematic : (n,) meters, 1 sigma of the error that neighboring vertices share, likewise
+    gray : (n,) brightness of the vertices' colors, 0 to 255; None if the file has no colors
     """
 
     vertices_xyz: Floats
@@ -47,6 +48,7 @@ class MeshBody:
     closed: bool
     sigma: Floats | None = None
     systematic: Floats | None = None
+    gray: Floats | None = None
 
     @property
     def diagonal(self) -> float:
@@ -91,7 +93,16 @@ def read_mesh(path: Path, unit: str) -> MeshBody:
         closed=closed,
         sigma=sigma,
         systematic=systematic,
+        gray=_gray(mesh, first),
     )
+
+
+def _gray(mesh: Any, first: Ints) -> Floats | None:
+    """Return the brightness of the vertices ``first``, None where the file has no colors."""
+    if not mesh.has_vertex_colors():
+        return None
+    colors = np.asarray(mesh.vertex_colors, dtype=np.float64)
+    return np.asarray(255.0 * colors[first].mean(axis=1))
 
 
 def _read_triangles(path: Path) -> tuple[Any, str]:

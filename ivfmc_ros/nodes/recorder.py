@@ -24,6 +24,7 @@ from sensor_msgs.msg import JointState
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh
 from std_msgs.msg import Header
+from std_msgs.msg import String
 from std_msgs.msg import UInt64
 from visualization_msgs.msg import Marker
 
@@ -40,6 +41,9 @@ from ivfmc_ros.nodes.framework.base import run
 from ivfmc_ros.nodes.framework.futures import Waiter
 from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.nodes.framework.life import life_of
+from ivfmc_ros.nodes.processing.cell_frames import TF
+from ivfmc_ros.nodes.processing.cell_frames import tf_message_type
+from ivfmc_ros.nodes.processing.cell_frames import TF_STATIC
 from ivfmc_ros.nodes.processing.recording import Recording
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 from ivfmc_ros.storage.messages.profile_header import read_profile_header
@@ -56,11 +60,16 @@ TYPES = {
     'cloud': PointCloud2,
     'mesh': Marker,
     'mesh_shape': Mesh,
+    'robot_description': String,
+    # None where tf2_msgs is not installed: there is nothing to record then
+    TF: tf_message_type(),
+    TF_STATIC: tf_message_type(),
 }
 _CAMERA_TOPICS = ('image_raw', 'image_raw/compressed', 'camera_info')
-# Topics with many messages in an idle cell; subscribed only while a scan is recorded. The latched
-# ones are subscribed at all times: a new subscription would receive those of the scan before.
-_STREAMS = (*_CAMERA_TOPICS, 'joint_states')
+# Topics with many messages in an idle cell, and those of the cell itself, whose last message a new
+# subscription receives; subscribed only while a scan is recorded. The latched ones of a scan are
+# subscribed at all times: a new subscription would receive those of the scan before.
+_STREAMS = (*_CAMERA_TOPICS, 'joint_states', 'robot_description', TF, TF_STATIC)
 # Seconds that ``start`` waits at most for the first message of each stream that has a publisher.
 _FIRST_MESSAGES_S = 1.0
 # Period of ``recorded``, seconds: the orchestrator waits for it after the last profile.
@@ -91,7 +100,8 @@ class Recorder(CellNode):
         self._waiter = Waiter(self)
         # streams of which a message was received since they were subscribed
         self._heard: set[str] = set()
-        self._recorded_topics = {name: self._subscribe(name) for name in self.get('topics')}
+        subscribed = ((name, self._subscribe(name)) for name in self.get('topics'))
+        self._recorded_topics = {name: found for name, found in subscribed if found is not None}
         self.changed(self._change)
         self.trigger('start', self._start)
         self.trigger('stop', self._stop)
@@ -194,6 +204,8 @@ class Recorder(CellNode):
         if name not in TYPES:
             known = ', '.join(TYPES)
             raise ParameterError(f'recorder: topics: {name!r} is not one of {known}')
+        if TYPES[name] is None:
+            return None
         return AdaptiveSubscription(
             self, TYPES[name], name, partial(self._receive, name), raw=True
         )
@@ -271,7 +283,7 @@ class Recorder(CellNode):
         )
         answer = {
             'path': str(self._recording.recorder.folder),
-            'topics': list(self.get('topics')),
+            'topics': list(self._recorded_topics),
         }
         self._follow_streams()
         with contextlib.suppress(TimeoutExceededError):

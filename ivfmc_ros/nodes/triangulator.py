@@ -31,6 +31,7 @@ from ivfmc_ros.nodes.framework.adaptive_subscription import AdaptiveSubscription
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.base import run
 from ivfmc_ros.nodes.framework.life import HEARTBEAT_S
+from ivfmc_ros.nodes.processing.cell_frames import CellFrames
 from ivfmc_ros.nodes.processing.cell_source import CellSource
 from ivfmc_ros.nodes.processing.image_input import ImageInput
 from ivfmc_ros.nodes.processing.laser_check import LaserCheck
@@ -96,6 +97,7 @@ class Triangulator(CellNode):
         self._others: dict[str, str] = {}
         self.changed(self._change)
         self._change({'view', 'cell'})
+        self._frames = CellFrames(self, self._source)
         self._profiles = self.publish_on(PointCloud2, 'profile')
         self._stripe_image = StripeImagePublisher(self)
         self._camera = ImageInput(self, self._receive_image, _IMAGE_DEPTH)
@@ -176,6 +178,7 @@ class Triangulator(CellNode):
             )
             return
         stamp_ns = nanoseconds(message.header.stamp)
+        self._frames.turn(stamp_ns, state[0])
         if not self._matcher.add_table_position(stamp_ns, *state, now_s=self.steady_s()):
             self._report_jump(self._joints.topic)
         self._work()
@@ -380,6 +383,7 @@ class Triangulator(CellNode):
             dark_images_checked=self._laser_check.checked,
             dark_since_stamp=self._laser_check.dark_ns,
             table_fault=self._stamps.table_fault,
+            tf=self._frames.state,
             # matched ones: what is published before is lost to a subscription that joins
             profile_subscriptions=self._profiles.get_subscription_count(),
         )

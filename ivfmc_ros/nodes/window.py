@@ -28,6 +28,7 @@ from ivfmc_ros.nodes.framework import qos
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.base import run
 from ivfmc_ros.nodes.processing.cell_source import CellSource
+from ivfmc_ros.nodes.viewing.browser_timer import BrowserTimer
 from ivfmc_ros.nodes.viewing.cell_actions import CellActions
 from ivfmc_ros.nodes.viewing.node_health import NodeHealth
 from ivfmc_ros.nodes.viewing.picture_feed import PictureFeed
@@ -41,8 +42,9 @@ from ivfmc_ros.window.scene_view import DrawnMesh
 from ivfmc_ros.window.scene_view import DrawnPoints
 from ivfmc_ros.window.status_text import ENDED
 
-# Seconds between two looks at browsers, lost nodes and profiles that wait to be drawn.
+# Seconds between two looks at profiles that wait to be drawn, while a browser shows the page.
 _FOLLOW_S = 0.1
+# Seconds between two looks at the health of the nodes, and at a cell that is not drawn yet.
 _HEALTH_S = 1.0
 # Radians that the table turns until the drawn cell follows.
 _TURN = 0.02
@@ -90,8 +92,8 @@ class Window(CellNode):
             qos.latched(),
             raw=True,
         )
-        self.steady_timer(_FOLLOW_S, self._follow)
-        self.steady_timer(_HEALTH_S, self._show_health)
+        self._browsers = BrowserTimer(self, self._page, _FOLLOW_S, self._follow)
+        self.steady_timer(_HEALTH_S, self._watch_cell)
 
     def _declare_parameters(self) -> None:
         def fixed(name: str, default: Any, text: str, **limits: Any) -> None:
@@ -121,6 +123,7 @@ class Window(CellNode):
                 lasers=[laser.name for laser in draft.lasers] if draft else [],
                 size=self._source.cell().camera.size if self._source.complete else _SIZE,
                 recipes=recipe_names(Path(root)) if root else (),
+                recipe_root=Path(root) if root else None,
             ),
             self._actions,
             address=address,
@@ -131,9 +134,8 @@ class Window(CellNode):
         self.get_logger().info(f'page: http://{address}:{page.port}')
         return page
 
-    def _follow(self) -> None:
-        self._draw_cell()
-        has_browser = self._page.browsers > 0
+    def _follow(self, has_browser: bool) -> None:
+        """Follow the browsers; without one for the last time."""
         self._pictures.follow(wanted=has_browser, scanning=self._page.scan.state.running)
         if has_browser:
             self._page.scene.flush()
@@ -146,7 +148,8 @@ class Window(CellNode):
         # nothing else is needed of it
         self._source.infos.pause()
 
-    def _show_health(self) -> None:
+    def _watch_cell(self) -> None:
+        self._draw_cell()
         if self._page.browsers:
             self._page.scan.show_health(self._health.rows())
 

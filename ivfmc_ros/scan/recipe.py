@@ -86,6 +86,11 @@ def recipe_names(root: Path) -> list[str]:
     return sorted(path.stem for path in root.glob(f'*{_SUFFIX}'))
 
 
+def setting_text(value: Any) -> str:
+    """Return a value that a recipe sets, for a person."""
+    return ' '.join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+
 def load_recipe(root: Path, name: str) -> Recipe:
     """
     Read a recipe.

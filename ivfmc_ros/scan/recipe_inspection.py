@@ -30,6 +30,7 @@ from ivfmc_ros.scan.recipe import load_recipe
 from ivfmc_ros.scan.recipe import Recipe
 from ivfmc_ros.scan.recipe_verdict import INSPECTION
 from ivfmc_ros.scan.recipe_verdict import INSPECTION_PAGE
+from ivfmc_ros.scan.title_block import title_block
 from ivfmc_ros.worker import end_with_parent
 
 # Mesh files that carry the uncertainty of their vertices: PLY, or STL with an .npz beside it.
@@ -65,7 +66,8 @@ def inspect_scan(folder: Path, recipe: Recipe) -> dict[str, Any]:
         **document(found, settings),
     }
     title = f'{folder.name} against {plan.nominal.name}'
-    write_html(folder / INSPECTION_PAGE, inspection_page(title, found, settings, figures))
+    page = inspection_page(title, found, settings, figures, title_block(folder))
+    write_html(folder / INSPECTION_PAGE, page)
     # last: who finds it finds the page too
     write_report(folder / INSPECTION, figures)
     return figures

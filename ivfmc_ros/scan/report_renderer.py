@@ -8,16 +8,15 @@ from pathlib import Path
 import sys
 from typing import Any
 
-import cv2
 import numpy as np
 
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.inspection.mesh_file import read_mesh
 from ivfmc_ros.inspection.mesh_file import SUFFIXES
-from ivfmc_ros.inspection.reports.html import ReportImage
 from ivfmc_ros.inspection.reports.html import write_html
 from ivfmc_ros.inspection.reports.overview import write_mesh_sheet
+from ivfmc_ros.inspection.reports.scan_page import mesh_still
 from ivfmc_ros.inspection.reports.scan_page import scan_page
 from ivfmc_ros.model import Mesh
 from ivfmc_ros.model import Poses
@@ -34,8 +33,6 @@ from ivfmc_ros.worker import end_with_parent
 MESH_STEM = 'mesh'
 # Nice value of the process: a scan may be running, whose nodes come first.
 _NICE = 15
-# Pixels of the printed image of the mesh.
-_STILL_WIDTH = 1400
 
 
 def render_scan(folder: Path, unit: str, figures: dict[str, Any]) -> None:
@@ -62,20 +59,9 @@ def render_scan(folder: Path, unit: str, figures: dict[str, Any]) -> None:
         contents.samples,
         without_folder(figures, folder),
         title_block(folder),
-        _still(folder / MESH_IMAGE),
+        mesh_still(folder / MESH_IMAGE),
     )
     write_html(folder / REPORT_PAGE, page)
-
-
-def _still(path: Path) -> ReportImage | None:
-    """Return the image of the mesh, smaller, for the printed page."""
-    image = cv2.imread(str(path))
-    if image is None:
-        return None
-    scale = min(1.0, _STILL_WIDTH / image.shape[1])
-    small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    data = cv2.imencode('.jpg', small, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
-    return ReportImage(data=data, media='image/jpeg', caption='mesh from several sides')
 
 
 def _read_mesh(folder: Path, unit: str) -> Mesh:

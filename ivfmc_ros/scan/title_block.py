@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ivfmc_ros import __version__
+from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.cell_file import CellDraft
 from ivfmc_ros.cell.cell_file import load_draft
 from ivfmc_ros.errors import ScanError
@@ -69,28 +70,37 @@ def _time_of(scan_id: str) -> str:
 
 def _cell(path: Path) -> dict[str, str]:
     try:
-        draft = load_draft(path)
+        return cell_texts(load_draft(path))
     except ScanError:
         return {}
-    temperature = draft.notes.get('temperature_c')
+
+
+def cell_texts(cell: CellDraft | Cell) -> dict[str, str]:
+    """Return the texts of a title block that a cell gives; '' for what it does not state."""
+    temperature = cell.notes.get('temperature_c')
     return {
-        'lasers': ', '.join(laser.name for laser in draft.lasers),
-        'calibration': draft.created or '',
-        'calibration uncertainty': _covariance(draft),
-        'scale from': str(draft.notes.get('board', '')),
+        'lasers': ', '.join(laser.name for laser in cell.lasers),
+        'calibration': (cell.created if isinstance(cell, CellDraft) else None) or '',
+        'calibration uncertainty': _covariance(cell),
+        'scale from': str(cell.notes.get('board', '')),
         'calibrated at': '' if temperature is None else f'{temperature:g} °C',
     }
 
 
-def _covariance(draft: CellDraft) -> str:
-    if draft.covariance is not None:
+def _covariance(cell: CellDraft | Cell) -> str:
+    if cell.covariance is not None:
         return 'joint covariance of all parameters'
-    has_own = any(laser.covariance is not None for laser in draft.lasers)
+    has_own = any(laser.covariance is not None for laser in cell.lasers)
     return 'covariance of each laser plane' if has_own else 'not known'
+
+
+def digest(data: bytes) -> str:
+    """Return the first digits of a SHA-256, enough to tell settings apart."""
+    return hashlib.sha256(data).hexdigest()[:_HASH_DIGITS]
 
 
 def _digest(path: Path) -> str:
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()[:_HASH_DIGITS]
+        return digest(path.read_bytes())
     except OSError:
         return ''

@@ -17,11 +17,15 @@ from ivfmc_ros.calibration.boards.board import find_corners
 from ivfmc_ros.calibration.boards.board import parse_board
 from ivfmc_ros.calibration.live.guide import CaptureGuide
 from ivfmc_ros.calibration.live.picture import picture_quality
+from ivfmc_ros.calibration.live.proposal import Proposal
+from ivfmc_ros.calibration.live.proposal import propose
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.model import Image
 
 _DEFAULT = 'charuco:10x7:12mm:9mm:DICT_4X4_50'
 _TOLD = 4  # of what is missing
+# Colors of fields that have seen corners, and of the board as it goes next (Okabe and Ito 2008).
+_SEEN, _NEXT = '#009e73', '#d55e00'
 
 
 class CalibrateTab:
@@ -84,6 +88,7 @@ class CalibrateTab:
         guide = self._guide
         if guide is None or guide.size != (width, height):
             guide = self._guide = CaptureGuide(self._board, (width, height))
+            self._show_missing()
         corners = find_corners(self._board, image)
         if corners is None:
             self._say('the board is not detected; show all of it')
@@ -112,7 +117,7 @@ class CalibrateTab:
 
     def _show_missing(self) -> None:
         guide = self._guide
-        if guide is None or self._folder is None:
+        if guide is None:
             return
         if guide.is_complete:
             self._on.value = False
@@ -122,28 +127,37 @@ class CalibrateTab:
             )
         else:
             lines = ''.join(f'<li>{escape(line)}</li>' for line in guide.missing()[:_TOLD])
-            text = f'<p>Next:</p><ol>{lines}</ol>'
+            text = f'<p>Next, as the board is drawn:</p><ol>{lines}</ol>'
         count = len(guide.views)
         self._missing.content = (
-            f'<p>{count} pictures, {guide.coverage:.0%} of the image</p>{_map(guide)}{text}'
+            f'<p>{count} pictures, {guide.coverage:.0%} of the image</p>'
+            f'{guide_svg(guide, propose(guide))}{text}'
         )
 
     def _say(self, text: str) -> None:
         self._said.content = f'<p role="status" aria-live="polite">{escape(text)}</p>'
 
 
-def _map(guide: CaptureGuide) -> str:
-    """Return the fields of the image, filled where corners were seen."""
+def guide_svg(guide: CaptureGuide, proposal: Proposal | None) -> str:
+    """Return the image with the fields that have seen corners, and the board as it goes next."""
+    width, height = guide.size
     seen = {field for view in guide.views for field in view.fields}
-    rows = ''
-    for row in range(3):
-        cells = ''.join(
-            '<td style="width:3em;height:2em;border:1px solid #888;background:'
-            f'{"#0b5d1e" if (row, column) in seen else "#ffffff"}"></td>'
-            for column in range(3)
+    fields = ''.join(
+        f'<rect x="{column * width / 3:.0f}" y="{row * height / 3:.0f}" '
+        f'width="{width / 3:.0f}" height="{height / 3:.0f}" stroke="#888" '
+        f'fill="{_SEEN if (row, column) in seen else "#ffffff"}"/>'
+        for row in range(3)
+        for column in range(3)
+    )
+    board, label = '', f'{guide.coverage:.0%} of the image covered'
+    if proposal is not None:
+        points = ' '.join(f'{u * width:.0f},{v * height:.0f}' for u, v in proposal.outline_uv)
+        label += f'; next: {proposal.text}'
+        board = (
+            f'<polygon points="{points}" fill="{_NEXT}" fill-opacity="0.35" '
+            f'stroke="{_NEXT}" stroke-width="{width / 100:.0f}"/>'
         )
-        rows += f'<tr>{cells}</tr>'
-    share = f'{guide.coverage:.0%} of the image covered'
     return (
-        f'<table role="img" aria-label="{share}" style="border-collapse:collapse">{rows}</table>'
+        f'<svg role="img" aria-label="{escape(label)}" viewBox="0 0 {width} {height}" '
+        f'style="width:100%;max-width:22em;border:1px solid #888">{fields}{board}</svg>'
     )

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from ivfmc_ros.model import Bytes
 from ivfmc_ros.model import Floats
 
-LASER, HEIGHT, SIGMA, BRIGHTNESS, DEVIATION, PLAIN = (
+LASER, HEIGHT, SIGMA, BRIGHTNESS, DEVIATION, TEXTURE, PLAIN = (
     'laser',
     'height',
     'uncertainty',
     'brightness',
     'deviation',
+    'texture',
     'plain',
 )
 POINT_MODES = (LASER, HEIGHT, SIGMA, BRIGHTNESS)
@@ -35,6 +36,12 @@ def by_laser(lasers: NDArray[Any]) -> Bytes:
 def plain(count: int) -> Bytes:
     """Return (n, 3) RGB of one gray."""
     return np.tile(np.array(_GRAY, dtype=np.uint8), (count, 1))
+
+
+def by_gray(values: Floats) -> Bytes:
+    """Return (n, 3) RGB of (n,) gray values from 0 to 255; NaN is black."""
+    gray = np.nan_to_num(values).clip(0.0, 255.0).astype(np.uint8)
+    return np.repeat(gray[:, None], 3, axis=1)
 
 
 def span_of(values: Floats, symmetric: bool = False) -> tuple[float, float]:

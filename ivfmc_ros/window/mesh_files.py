@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes of files for the 3-D view: with uncertainty, or with their distance to another mesh."""
+"""Meshes of files for the 3-D view: uncertainty, texture, or distance to another mesh."""
 
 from pathlib import Path
 
@@ -28,8 +28,8 @@ def load_mesh(path: Path, unit: str) -> DrawnMesh:
     :raises ScanError: the file cannot be read (``inspection.mesh_file.read_mesh``)
     """
     body = read_mesh(path, unit)
-    values = {} if body.sigma is None else {coloring.SIGMA: body.sigma}
-    return _thinned(body, values)
+    values = {coloring.SIGMA: body.sigma, coloring.TEXTURE: body.gray}
+    return _thinned(body, {name: value for name, value in values.items() if value is not None})
 
 
 def compare(path: Path, unit: str, other: Path, other_unit: str) -> DrawnMesh:
@@ -43,7 +43,10 @@ def compare(path: Path, unit: str, other: Path, other_unit: str) -> DrawnMesh:
     body, nominal = read_mesh(path, unit), read_mesh(other, other_unit)
     found = Surface(nominal.vertices_xyz, nominal.faces).nearest(body.vertices_xyz)
     outward = np.einsum('ij,ij->i', body.vertices_xyz - found.points_xyz, found.normals)
-    return _thinned(body, {coloring.DEVIATION: np.copysign(found.distance, outward)})
+    values = {coloring.DEVIATION: np.copysign(found.distance, outward)}
+    if body.gray is not None:
+        values[coloring.TEXTURE] = body.gray
+    return _thinned(body, values)
 
 
 def _thinned(body: MeshBody, values: dict[str, Floats]) -> DrawnMesh:

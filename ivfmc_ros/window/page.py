@@ -16,6 +16,7 @@ from ivfmc_ros.window.actions import Actions
 from ivfmc_ros.window.calibrate_tab import CalibrateTab
 from ivfmc_ros.window.gate import Gate
 from ivfmc_ros.window.history_tab import HistoryTab
+from ivfmc_ros.window.recipe_text import recipe_html
 from ivfmc_ros.window.scan_tab import ScanTab
 from ivfmc_ros.window.scene_view import DrawnMesh
 from ivfmc_ros.window.scene_view import SceneView
@@ -32,7 +33,7 @@ class PageSetup:
     scans, pictures : folders of the scans, and of the pictures of the guided calibration
     lasers : names, in the order of the cell
     size : (width, height) of the camera's images, pixels
-    recipes : names
+    recipes : names, and the folder in which they are; None for no recipes
     """
 
     title: str
@@ -41,6 +42,7 @@ class PageSetup:
     lasers: Sequence[str]
     size: tuple[int, int]
     recipes: Sequence[str] = ()
+    recipe_root: Path | None = None
 
 
 class ViewPage:
@@ -81,6 +83,10 @@ class ViewPage:
     def browsers(self) -> int:
         """The number of browsers that show the page."""
         return len(self._server.get_clients())
+
+    def on_browser(self, callback: Callable[[], object]) -> None:
+        """Call ``callback``, in a thread of the server, when a browser begins to show the page."""
+        self._server.on_client_connect(lambda _: callback())
 
     @property
     def refused(self) -> int:
@@ -127,7 +133,7 @@ class WorkPage(ViewPage):
         tabs = gui.add_tab_group()
         setup = self._setup
         with tabs.add_tab('Scan', 'player-play'):
-            self.scan = ScanTab(gui, self._actions, setup.recipes)
+            self.scan = ScanTab(gui, self._actions, setup.recipes, self._describe)
         with tabs.add_tab('Work', 'camera'):
             self.work = WorkTab(gui, self._actions, setup.lasers, setup.size)
         with tabs.add_tab('3-D', 'cube'):
@@ -136,6 +142,10 @@ class WorkPage(ViewPage):
             self.calibrate = CalibrateTab(gui, setup.pictures)
         with tabs.add_tab('History', 'history'):
             self.history = HistoryTab(gui, setup.scans, self.show_mesh)
+
+    def _describe(self, recipe: str) -> str:
+        root = self._setup.recipe_root
+        return '' if root is None else recipe_html(root, recipe)
 
 
 def start_server(title: str) -> Any:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tab in which a scan is started, followed and ended."""
 
+from collections.abc import Callable
 from collections.abc import Mapping
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,8 +28,18 @@ class ScanTab:
     state : of the scan that is shown
     """
 
-    def __init__(self, gui: Any, actions: Actions, recipes: Sequence[str]) -> None:
-        """Add the elements to the container that is open in ``gui``."""
+    def __init__(
+        self,
+        gui: Any,
+        actions: Actions,
+        recipes: Sequence[str],
+        describe: Callable[[str], str] = lambda name: '',
+    ) -> None:
+        """
+        Add the elements to the container that is open in ``gui``.
+
+        describe : returns as HTML what the recipe of a name sets
+        """
         self.state: ScanState = scan_state({})
         self._actions = actions
         self._verdict = gui.add_html('', visible=False)
@@ -41,12 +52,15 @@ class ScanTab:
         self._cancel = gui.add_button('Cancel', color='red', icon='player-stop', disabled=True)
         self._part = gui.add_text('Part', 'part', hint='Name in the catalogue.')
         self._recipe = gui.add_dropdown('Recipe', (_NO_RECIPE, *recipes))
+        self._recipe_sets = gui.add_html('', visible=False)
+        self._describe = describe
         self._profiles = gui.add_number(
             'Profiles', 200, min=3, max=20_000, step=1, hint='A turn and laser, without a recipe.'
         )
         self._report = gui.add_button('Report', icon='file-text', disabled=True)
         self._features = gui.add_html('', visible=False)
         self._health = gui.add_html('')
+        self._recipe.on_update(lambda _: self._show_recipe())
         self._start.on_click(self._on_start)
         self._pause.on_click(lambda event: self._control(event, 'pause', 'Pausing'))
         self._resume.on_click(lambda event: self._control(event, 'resume', 'Going on'))
@@ -78,6 +92,14 @@ class ScanTab:
     def show_health(self, nodes: Sequence[tuple[str, str, str]]) -> None:
         """Show (name, level, message) of the nodes."""
         self._health.content = health_html(nodes)
+
+    def _show_recipe(self) -> None:
+        """Show what the chosen recipe sets; without one the number of profiles counts."""
+        name = self._recipe.value
+        is_recipe = name != _NO_RECIPE
+        self._recipe_sets.content = self._describe(name) if is_recipe else ''
+        self._recipe_sets.visible = is_recipe
+        self._profiles.disabled = is_recipe
 
     def _on_start(self, event: Any) -> None:
         # at once, so that a second click finds it disabled

@@ -327,6 +327,8 @@ class SceneView:
         mode = self._mesh_mode
         if mode == coloring.PLAIN:
             return None, coloring.plain(len(surface.vertices_xyz))
+        if mode == coloring.TEXTURE:
+            return None, coloring.by_gray(surface.values[mode])
         is_deviation = mode == coloring.DEVIATION
         values = surface.vertices_xyz[:, 2] if mode == coloring.HEIGHT else surface.values[mode]
         limits = coloring.span_of(values, symmetric=is_deviation)

@@ -10,6 +10,7 @@ import pytest
 from ivfmc_ros.cli.inspect import inspect
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import GeometryError
+from ivfmc_ros.errors import NotReadyError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.meshing.io.export import write_solid
 from ivfmc_ros.simulation.parts.solids import box
@@ -146,3 +147,23 @@ def test_results_that_exist_are_not_overwritten(mesh):
     assert isinstance(result.exception, FileError)
     assert 'exists already and is not overwritten' in str(result.exception)
     assert (output / 'report.json').read_text() == 'earlier'
+
+
+def test_pdf_is_written_beside_the_page(mesh, monkeypatch):
+    monkeypatch.setattr('ivfmc_ros.cli.inspect.find_browser', lambda: 'chromium')
+    monkeypatch.setattr(
+        'ivfmc_ros.cli.inspect.print_pdf',
+        lambda page, target: target.write_bytes(page.read_bytes()[:15]),
+    )
+    result, output = run(mesh, mesh, '--pdf')
+    assert result.exit_code == 0
+    assert listing(output) == ['report.html', 'report.json', 'report.pdf']
+    assert (output / 'report.pdf').read_bytes() == b'<!doctype html>'
+    assert 'report.pdf' in result.output
+
+
+def test_without_a_browser_nothing_is_computed_for_a_pdf(mesh, monkeypatch):
+    monkeypatch.setenv('PATH', str(mesh.parent))
+    result, output = run(mesh, mesh, '--pdf')
+    assert isinstance(result.exception, NotReadyError)
+    assert not output.exists()

@@ -9,11 +9,14 @@ from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
+from std_msgs.msg import String
 from support.cell_inputs import START
 from support.cell_inputs import STEP
 from support.graph_rig import running
 
+from ivfmc_ros.cell.cell_file import load_draft
 from ivfmc_ros.cell.cell_file import save_cell
+from ivfmc_ros.cell.urdf import urdf
 from ivfmc_ros.nodes.convert import clouds
 from ivfmc_ros.nodes.convert.stamps import header
 
@@ -47,6 +50,15 @@ def test_every_image_becomes_a_profile_of_the_sphere(client, inputs, cell_file, 
     ]
     points = np.concatenate([profile.points_xyz for profile in profiles])
     assert np.sqrt(np.mean(sphere.distance(points) ** 2)) < 1e-4
+
+
+def test_description_of_the_cell_is_latched(client, cell_file):
+    with running('triangulator', cell=str(cell_file)):
+        client.until(lambda: 'tf: ' in client.diagnostic('triangulator'))
+        # a subscription that is later than the message
+        found = client.collect(String, 'robot_description')
+        client.until(lambda: found)
+    assert [message.data for message in found] == [urdf(load_draft(cell_file))]
 
 
 def test_laser_that_shines_although_it_is_off_is_reported(client, inputs, cell_file, frames):

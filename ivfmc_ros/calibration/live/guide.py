@@ -19,7 +19,7 @@ from ivfmc_ros.model import Floats
 # Pictures that determine a camera well (the calibration accepts 6).
 ENOUGH = 20
 # Focal length over image width before the calibration: between a wide and a long lens.
-_TYPICAL_FOCAL = 1.5
+TYPICAL_FOCAL = 1.5
 _GRID = 3  # fields of the image along each side that must have seen corners
 _MIN_FIELD_CORNERS = 4  # of one picture in a field
 _TILT = np.radians(20.0)  # in each of four directions, at least once
@@ -28,8 +28,11 @@ _MIN_DISTANCE_RATIO = 1.25
 # A picture is new if its board moved by this share of the image, or turned by this angle.
 _MIN_SHIFT = 0.04
 _MIN_TURN = np.radians(6.0)
+# Kinds of what a set lacks.
+TILT, PLACE, DISTANCE, NUMBER = 'tilt', 'place', 'distance', 'number'
 _ROWS = ('upper', 'middle', 'lower')
 _COLUMNS = ('left', 'middle', 'right')
+# Axis of the normal towards the camera, and the sign of the tilt about the other one.
 _TILTS = {
     'right side towards the camera': (0, 1.0),
     'left side towards the camera': (0, -1.0),
@@ -93,20 +96,36 @@ class CaptureGuide:
 
     def missing(self) -> tuple[str, ...]:
         """Return what the set lacks, the most important first; empty if it is complete."""
-        found = [f'tilt the board by 30 degrees, its {name}' for name in self._missing_tilts()]
+        return tuple(text for _, _, text in self.lacks())
+
+    def lacks(self) -> list[tuple[str, tuple[int, float], str]]:
+        """
+        Return what the set lacks as (kind, key, text), the most important first.
+
+        The key of a tilt is (axis of the normal, sign), that of a place (row, column).
+        """
+        found = [
+            (TILT, _TILTS[name], f'tilt the board by 30 degrees, its {name}')
+            for name in self._missing_tilts()
+        ]
         seen = self._fields()
         found += [
-            f'hold the board in the {_ROWS[row]} {_COLUMNS[column]} of the image'
+            (
+                PLACE,
+                (row, column),
+                f'hold the board in the {_ROWS[row]} {_COLUMNS[column]} of the image',
+            )
             for row in range(_GRID)
             for column in range(_GRID)
             if (row, column) not in seen
         ]
         distances = [view.distance for view in self.views]
         if not distances or max(distances) < _MIN_DISTANCE_RATIO * min(distances):
-            found.append('hold the board nearer, and farther away, by a quarter of its distance')
+            text = 'hold the board nearer, and farther away, by a quarter of its distance'
+            found.append((DISTANCE, (0, 0.0), text))
         if len(self.views) < ENOUGH:
-            found.append(f'take {ENOUGH - len(self.views)} pictures more')
-        return tuple(found)
+            found.append((NUMBER, (0, 0.0), f'take {ENOUGH - len(self.views)} pictures more'))
+        return found
 
     def _fields(self) -> set[tuple[int, int]]:
         return {field for view in self.views for field in view.fields}
@@ -120,7 +139,7 @@ class CaptureGuide:
 
     def _view(self, corners: Corners) -> BoardView3d | None:
         width, height = self.size
-        focal = _TYPICAL_FOCAL * width
+        focal = TYPICAL_FOCAL * width
         K = np.array([[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]])
         points = self.board.corners_xyz[corners.ids]
         found, turn, shift = cv2.solvePnP(

@@ -9,6 +9,7 @@ from ivfmc_ros.cli.scans.care import repair
 from ivfmc_ros.cli.scans.care import verify
 from ivfmc_ros.cli.scans.exchange import export
 from ivfmc_ros.cli.scans.exchange import import_packages
+from ivfmc_ros.cli.scans.exchange import report
 from ivfmc_ros.cli.scans.listing import list_scans
 from ivfmc_ros.cli.scans.listing import show
 from ivfmc_ros.cli.scans.removal import delete
@@ -31,6 +32,7 @@ for _command in (
     list_scans,
     rebuild,
     repair,
+    report,
     restore,
     show,
     statistics,

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""``ivfmc scans export`` and ``import``: scans as ZIP files."""
+"""``ivfmc scans export``, ``import`` and ``report``: scans as ZIP files, reports as PDF."""
 
 from pathlib import Path
 
@@ -9,6 +9,9 @@ import click
 from ivfmc_ros.cli.scans.options import catalogue_options
 from ivfmc_ros.cli.scans.options import open_catalogue
 from ivfmc_ros.cli.support.output import console
+from ivfmc_ros.inspection.reports.pdf import print_pdf
+from ivfmc_ros.scan.recipe_verdict import INSPECTION_PAGE
+from ivfmc_ros.scan.report import REPORT_PAGE
 from ivfmc_ros.storage.archive.packages import export_scan
 from ivfmc_ros.storage.archive.packages import import_scan
 
@@ -44,3 +47,19 @@ def import_packages(packages: tuple[Path, ...], root: Path, url: str) -> None:
     for package in packages:
         made = import_scan(catalogue, package)
         console().print(f'{made.scan_id}: {made.profiles} profiles, {made.results} results')
+
+
+@click.command()
+@click.argument('scan_id')
+@catalogue_options
+@click.option('--inspection', is_flag=True, help='The report of the inspection by its recipe.')
+@click.option(
+    '-o', '--output', type=click.Path(path_type=Path),
+    help='PDF file to write; an existing one is replaced.  [default: SCAN_ID.pdf]',
+)  # fmt: skip
+def report(scan_id: str, root: Path, url: str, inspection: bool, output: Path | None) -> None:
+    """Print the report of a scan to a PDF file of at most four A4 pages; needs Chromium."""
+    row = open_catalogue(root, url).scan(scan_id)
+    target = output or Path(f'{row.scan_id}.pdf')
+    print_pdf(row.folder / (INSPECTION_PAGE if inspection else REPORT_PAGE), target)
+    console().print(str(target), soft_wrap=True)

@@ -20,6 +20,12 @@ json_option = click.option(
     '--json', 'as_json', is_flag=True, help='Print one JSON document instead of tables.'
 )
 
+pdf_option = click.option(
+    '--pdf',
+    is_flag=True,
+    help='Also write report.pdf, of at most four A4 pages; needs Chromium or Chrome.',
+)
+
 
 def console(*, stderr: bool = False, markup: bool = False) -> Console:
     """

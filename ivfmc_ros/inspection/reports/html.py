@@ -17,13 +17,14 @@ import numpy as np
 from ivfmc_ros import files
 from ivfmc_ros.inspection.reports import tables
 from ivfmc_ros.inspection.reports import viewer
+from ivfmc_ros.inspection.reports.color_scale import ColorBar
+from ivfmc_ros.inspection.reports.drawings import histogram
 from ivfmc_ros.meshing.filters.vertex_clustering import cluster_vertices_with_values
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 
 # Triangles of the embedded mesh at most; the file then has about 3 MB.
 MOST_TRIANGLES = 150_000
-_BINS = 60
 _NO_VALUE = 255
 # Parts of the figures that a reader wants first; the others are folded.
 _UNFOLDED = ('characteristics', 'surface', 'views', 'completeness')
@@ -31,11 +32,17 @@ _UNFOLDED = ('characteristics', 'surface', 'views', 'completeness')
 
 @dataclass(frozen=True, kw_only=True)
 class ReportImage:
-    """An image of a report: encoded bytes, media type (image/jpeg) and caption."""
+    """
+    An image of a report.
+
+    data : encoded; media : its type, such as image/jpeg
+    bar : what its colors mean; None where they mean nothing
+    """
 
     data: bytes
     media: str
     caption: str
+    bar: ColorBar | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,6 +55,8 @@ class Page:
     figures : numbers by name, in SI units, as ``tables`` shows them
     heading : what was measured, when and how: the block of texts below the title
     still : picture of the mesh for a printed page, in which nothing turns; None for none
+    drawings : HTML of figures that are shown first
+    tolerance : meters to either side of zero, marked at the colors; None for none
     """
 
     title: str
@@ -61,11 +70,14 @@ class Page:
     pictures: Sequence[ReportImage] = ()
     heading: Mapping[str, str] = field(default_factory=dict)
     still: ReportImage | None = None
+    drawings: Sequence[str] = ()
+    tolerance: float | None = None
 
     @property
-    def low(self) -> float:
-        """Value of the first color, meters."""
-        return -self.span if self.signed else 0.0
+    def bar(self) -> ColorBar:
+        """The scale of the colors."""
+        low = -self.span if self.signed else 0.0
+        return ColorBar(low=low, high=self.span, quantity=self.quantity, tolerance=self.tolerance)
 
 
 def write_html(path: Path, page: Page) -> None:
@@ -74,8 +86,7 @@ def write_html(path: Path, page: Page) -> None:
 
     :raises FileError: the file cannot be written
     """
-    title, quantity = escape(page.title), escape(page.quantity)
-    finite = page.values[np.isfinite(page.values)]
+    title = escape(tables.without_folders(page.title))
     parts = [
         '<!doctype html><html lang="en"><head><meta charset="utf-8">',
         # without this a browser asks for one
@@ -83,13 +94,13 @@ def write_html(path: Path, page: Page) -> None:
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         f'</head><body>{_verdict(page.figures)}<h1>{title}</h1>',
         _heading(page.heading),
-        _still(page.still),
-        '<canvas id="view"></canvas><p><span id="state">drawing</span> &nbsp; ',
-        f'{quantity} {page.low * 1e3:.3g}<span id="bar" style="background:{viewer.BAR}"></span>',
-        f'{page.span * 1e3:.3g} mm &nbsp; ',
-        '<label><input type="checkbox" id="plain"> plain</label></p>',
-        f'<h2>Distribution of {quantity}</h2>',
-        _histogram(finite * 1e3, page.low * 1e3, page.span * 1e3),
+        _row(page.drawings),
+        _figure(page.still, 'print'),
+        '<div class="screen"><canvas id="view"></canvas><p><span id="state">drawing</span> &nbsp; '
+        '<label><input type="checkbox" id="plain"> plain</label></p></div>',
+        page.bar.svg(),
+        f'<h2>Distribution of {escape(page.quantity)}</h2>',
+        histogram(page.values[np.isfinite(page.values)], page.bar),
         tables.folded(page.figures, _UNFOLDED),
         _gallery(page.pictures),
         f'<script type="application/json" id="mesh">{_mesh(page)}</script>',
@@ -102,7 +113,7 @@ def _mesh(page: Page) -> str:
     vertices, faces, values = cluster_vertices_with_values(
         page.vertices_xyz, page.faces, page.values, MOST_TRIANGLES
     )
-    low, high = page.low, page.span
+    low, high = page.bar.low, page.bar.high
     start, size = vertices.min(axis=0), np.maximum(np.ptp(vertices, axis=0), 1e-9)
     places = np.round((vertices - start) / size * 65535).astype('<u2')
     with np.errstate(invalid='ignore'):
@@ -138,47 +149,26 @@ def _verdict(figures: Mapping[str, Any]) -> str:
 def _heading(texts: Mapping[str, str]) -> str:
     items = ''.join(
         f'<div><dt>{escape(name)}</dt><dd>{escape(text) or "&nbsp;"}</dd></div>'
-        for name, text in texts.items()
+        for name, text in zip(texts, map(tables.without_folders, texts.values()), strict=True)
     )
     return f'<dl class="heading">{items}</dl>' if items else ''
 
 
-def _still(picture: ReportImage | None) -> str:
+def _row(figures: Sequence[str]) -> str:
+    return f'<div class="row">{"".join(figures)}</div>' if figures else ''
+
+
+def _figure(picture: ReportImage | None, kind: str = '') -> str:
     if picture is None:
         return ''
+    caption = escape(picture.caption)
     return (
-        f'<figure class="print"><img alt="{escape(picture.caption)}" '
+        f'<figure{kind and f" class={kind}"}><img alt="{caption}" '
         f'src="data:{picture.media};base64,{_encoded(picture.data)}">'
-        f'<figcaption>{escape(picture.caption)}</figcaption></figure>'
-    )
-
-
-def _histogram(values: Floats, low: float, high: float) -> str:
-    """Draw how often which value (millimeters) is, as SVG."""
-    counts, _ = np.histogram(np.clip(values, low, high), bins=_BINS, range=(low, high))
-    top = max(int(counts.max(initial=0)), 1)
-    width, height = 720.0, 140.0
-    bars = ''.join(
-        f'<rect x="{k * width / _BINS:.1f}" y="{height - height * n / top:.1f}" '
-        f'width="{width / _BINS - 1:.1f}" height="{height * n / top:.1f}"/>'
-        for k, n in enumerate(counts.tolist())
-    )
-    labels = ''.join(
-        f'<text x="{share * width:.0f}" y="{height + 16:.0f}" text-anchor="{anchor}">'
-        f'{low + share * (high - low):.3g} mm</text>'
-        for share, anchor in ((0.0, 'start'), (0.5, 'middle'), (1.0, 'end'))
-    )
-    return (
-        f'<svg viewBox="0 0 {width:.0f} {height + 22:.0f}" width="{width:.0f}" '
-        f'fill="#3b6ea5" font-size="13">{bars}<g fill="#1c2530">{labels}</g></svg>'
+        f'{picture.bar.svg() if picture.bar else ""}<figcaption>{caption}</figcaption></figure>'
     )
 
 
 def _gallery(pictures: Sequence[ReportImage]) -> str:
-    shown = ''.join(
-        f'<figure><img alt="{escape(picture.caption)}" '
-        f'src="data:{picture.media};base64,{_encoded(picture.data)}">'
-        f'<figcaption>{escape(picture.caption)}</figcaption></figure>'
-        for picture in pictures
-    )
-    return f'<h2>Pictures</h2><div class="row">{shown}</div>' if shown else ''
+    shown = _row([_figure(picture) for picture in pictures])
+    return f'<h2>Pictures</h2>{shown}' if shown else ''

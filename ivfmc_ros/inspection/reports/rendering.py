@@ -3,6 +3,7 @@
 """Software rendering of point clouds and meshes to images, without a window or GPU."""
 
 from dataclasses import dataclass
+import math
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,18 @@ from ivfmc_ros.model import Ints
 from ivfmc_ros.surface import Surface
 
 ColorImage = NDArray[np.uint8]
+Color = tuple[int, int, int]
+
+INK_BGR: Color = (48, 37, 28)
+_WHITE: Color = (255, 255, 255)
+_BLACK: Color = (0, 0, 0)
 
 _PAPER = 250.0
-_FRONT = np.array([225.0, 214.0, 200.0])
+FRONT_BGR: Color = (225, 214, 200)
+_FRONT = np.array(FRONT_BGR, dtype=np.float64)
 # a mesh that is inside out must not look right
-_BACK = np.array([60.0, 60.0, 230.0])
+BACK_BGR: Color = (60, 60, 230)
+_BACK = np.array(BACK_BGR, dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,20 +102,51 @@ def draw_cloud(points_xyz: Floats, values: Floats, viewpoint: Viewpoint) -> Colo
 
     values : (n,) what the color shows; spread over its 2 % to 98 % range
     """
-    picture: Any = np.full((viewpoint.height, viewpoint.width, 3), int(_PAPER), dtype=np.uint8)
     if not len(points_xyz):
-        return np.asarray(picture, dtype=np.uint8)
+        return draw_points(points_xyz, np.empty((0, 3), dtype=np.uint8), viewpoint)
     low, high = np.percentile(values, [2, 98])
     gray = np.clip((values - low) / max(high - low, 1e-12), 0.0, 1.0) * 255.0
     colors = cv2.applyColorMap(gray.astype(np.uint8).reshape(-1, 1), cv2.COLORMAP_VIRIDIS)
+    return draw_points(points_xyz, colors[:, 0], viewpoint)
+
+
+def draw_points(points_xyz: Floats, colors: ColorImage, viewpoint: Viewpoint) -> ColorImage:
+    """Return a (height, width, 3) BGR picture of points in (n, 3) BGR, nearer ones in front."""
+    picture: Any = np.full((viewpoint.height, viewpoint.width, 3), int(_PAPER), dtype=np.uint8)
     column, row, height = viewpoint.pixels(points_xyz)
     order = np.argsort(height)
     inside = (column >= 0) & (column < viewpoint.width - 1)
     inside &= (row >= 0) & (row < viewpoint.height - 1)
     order = order[inside[order]]
     for down, right in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        picture[row[order] + down, column[order] + right] = colors[order, 0]
+        picture[row[order] + down, column[order] + right] = colors[order]
     return np.asarray(picture, dtype=np.uint8)
+
+
+def write_text(picture: Any, text: str, place: tuple[int, int], bgr: Color = _WHITE) -> None:
+    """Write a text into a picture with its lower left corner at ``place``, on any background."""
+    edge = _BLACK if sum(bgr) > 380 else _WHITE
+    for color, thickness in ((edge, 3), (bgr, 1)):
+        cv2.putText(
+            picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, color, thickness, cv2.LINE_AA
+        )
+
+
+def scale_bar(pixels_per_meter: float, width: int) -> tuple[float, float]:
+    """Return (meters, pixels) of a bar of 1, 2 or 5 times a power of ten, at most a quarter."""
+    longest = 0.25 * width / pixels_per_meter
+    power = 10.0 ** math.floor(math.log10(longest))
+    length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= longest * 1.0001)
+    return length, length * pixels_per_meter
+
+
+def draw_scale_bar(picture: Any, viewpoint: Viewpoint) -> None:
+    """Draw a bar with its length into the lower left corner of a picture of a viewpoint."""
+    length, pixels = scale_bar(viewpoint.scale, viewpoint.width)
+    left, row = 16, viewpoint.height - 16
+    right = left + round(pixels)
+    cv2.rectangle(picture, (left, row - 5), (right, row), INK_BGR, cv2.FILLED)
+    write_text(picture, f'{length * 1e3:g} mm', (left, row - 12), INK_BGR)
 
 
 def write_sheet(path: Path, tiles: list[list[ColorImage]]) -> None:

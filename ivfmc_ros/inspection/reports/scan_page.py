@@ -4,17 +4,17 @@
 
 from collections.abc import Mapping
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
-from ivfmc_ros.cell import transforms
-from ivfmc_ros.inspection.reports import overview
+from ivfmc_ros.inspection.reports.color_scale import ColorBar
 from ivfmc_ros.inspection.reports.html import Page
 from ivfmc_ros.inspection.reports.html import ReportImage
-from ivfmc_ros.inspection.reports.rendering import draw_cloud
-from ivfmc_ros.inspection.reports.rendering import Viewpoint
+from ivfmc_ros.inspection.reports.registration_maps import registration_maps
+from ivfmc_ros.inspection.reports.stripe_pictures import overlay
 from ivfmc_ros.meshing.geometry.topology import boundary_loops
 from ivfmc_ros.model import BASE
 from ivfmc_ros.model import BRIDGED
@@ -26,7 +26,8 @@ from ivfmc_ros.model import Poses
 from ivfmc_ros.model import Profile
 from ivfmc_ros.model import View
 
-_TILE = (560, 440)
+# Pixels of the printed picture of the mesh.
+_STILL_WIDTH = 1400
 _LISTED = 20
 _KINDS = {'measured': MEASURED, 'bridged': BRIDGED, 'standing face': BASE, 'filled': FILLED}
 
@@ -72,37 +73,41 @@ def scan_page(
         figures=figures,
         signed=False,
         quantity='sigma',
-        pictures=[*_clouds(views, poses), *_stripes(samples)],
+        pictures=[*_clouds(mesh, views, poses), *_stripes(samples)],
         heading=heading or {},
         still=still,
     )
 
 
-def _clouds(views: Sequence[View], poses: Poses) -> list[ReportImage]:
-    if not views:
-        return []
-    before = [view.cloud() for view in views]
-    posed = zip(before, poses.turntable_from_view, strict=True)
-    after = [transforms.apply(T, cloud) for cloud, T in posed]
-    number = np.repeat(np.arange(len(views)), [len(cloud) for cloud in before])
-    viewpoint = Viewpoint.around(np.concatenate(before), np.radians(20), np.radians(25), _TILE)
+def mesh_still(path: Path) -> ReportImage | None:
+    """Return the picture of the mesh at ``path``, smaller, for the printed page; None if none."""
+    image = cv2.imread(str(path))
+    if image is None:
+        return None
+    scale = min(1.0, _STILL_WIDTH / image.shape[1])
+    small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return _jpeg(small, 'mesh from several sides')
+
+
+def _clouds(mesh: Mesh, views: Sequence[View], poses: Poses) -> list[ReportImage]:
     return [
-        _jpeg(
-            draw_cloud(np.concatenate(clouds), number.astype(np.float64), viewpoint),
-            f'cloud {when} registration, a color for each view',
-        )
-        for clouds, when in ((before, 'before'), (after, 'after'))
+        _jpeg(picture, caption, bar)
+        for picture, caption, bar in registration_maps(mesh, views, poses)
     ]
 
 
 def _stripes(samples: Sequence[tuple[Frame, Profile]]) -> list[ReportImage]:
     chosen = samples[:: max(1, len(samples) // 4)][:4]
     return [
-        _jpeg(overview.overlay(frame, profile), f'picture {frame.seq} with the stripe found')
+        _jpeg(
+            overlay(frame, profile),
+            f'image {frame.seq} with the stripe found in orange; enlarged: each dot is the '
+            'position in a row',
+        )
         for frame, profile in chosen
     ]
 
 
-def _jpeg(picture: Any, caption: str) -> ReportImage:
+def _jpeg(picture: Any, caption: str, bar: ColorBar | None = None) -> ReportImage:
     _, encoded = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, 85])
-    return ReportImage(data=encoded.tobytes(), media='image/jpeg', caption=caption)
+    return ReportImage(data=encoded.tobytes(), media='image/jpeg', caption=caption, bar=bar)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conversion of an inspection to a dictionary of plain values for report.json and report.html."""
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -20,7 +21,12 @@ from ivfmc_ros.inspection.verdict import overall
 
 
 def document(inspection: Inspection, settings: InspectSettings) -> dict[str, Any]:
-    """Return all results of an inspection; lengths are meters."""
+    """
+    Return all results of an inspection; lengths are meters.
+
+    ``number`` is that of the region in the drawings of the page; the whole surface has none.
+    """
+    numbers = {name: number for number, name in enumerate(inspection.region_names, 1)}
     return {
         'tolerance_m': settings.tolerance,
         'rule': f'ISO 14253-1, 95 %; U is the expanded uncertainty, k = {COVERAGE_FACTOR:g}',
@@ -35,13 +41,15 @@ def document(inspection: Inspection, settings: InspectSettings) -> dict[str, Any
         'conditions': asdict(settings.conditions),
         'unseen': inspection.unseen,
         'notes': inspection.notes,
-        'surface': [_surface(result) for result in [inspection.whole, *inspection.regions]],
+        'surface': [
+            _surface(result, numbers) for result in [inspection.whole, *inspection.regions]
+        ],
         'characteristics': [
-            _characteristic(feature, item)
+            _characteristic(feature, item, numbers)
             for feature in inspection.features
             for item in feature.characteristics
         ],
-        'features': [_feature(feature) for feature in inspection.features],
+        'features': [_feature(feature, numbers) for feature in inspection.features],
         'budget': _budgets(inspection),
     }
 
@@ -58,10 +66,11 @@ def verdict(inspection: Inspection) -> str:
     return overall(verdicts | {feature.verdict for feature in inspection.features})
 
 
-def _surface(result: SurfaceResult) -> dict[str, Any]:
+def _surface(result: SurfaceResult, numbers: Mapping[str, int]) -> dict[str, Any]:
     lengths = asdict(result.deviation)
     count = lengths.pop('count')
     return {
+        'number': numbers.get(result.name),
         'name': result.name,
         'vertices': count,
         **{f'{name}_m': value for name, value in lengths.items()},
@@ -73,8 +82,11 @@ def _surface(result: SurfaceResult) -> dict[str, Any]:
     }
 
 
-def _characteristic(feature: FeatureResult, item: FeatureCharacteristic) -> dict[str, Any]:
+def _characteristic(
+    feature: FeatureResult, item: FeatureCharacteristic, numbers: Mapping[str, int]
+) -> dict[str, Any]:
     return {
+        'number': numbers[feature.name],
         'feature': feature.name,
         'characteristic': item.name,
         'nominal_m': item.nominal,
@@ -86,10 +98,11 @@ def _characteristic(feature: FeatureResult, item: FeatureCharacteristic) -> dict
     }
 
 
-def _feature(feature: FeatureResult) -> dict[str, Any]:
+def _feature(feature: FeatureResult, numbers: Mapping[str, int]) -> dict[str, Any]:
     found = feature.feature
     shape = feature.nominal if found is None else found
     return {
+        'number': numbers[feature.name],
         'name': feature.name,
         'kind': shape.kind,
         'position_m': shape.center_xyz.tolist(),

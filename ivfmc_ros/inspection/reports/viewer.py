@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Style sheet and WebGL 2 viewer of ``report.html``."""
 
+from ivfmc_ros.inspection.reports.color_scale import glsl
+
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; margin: 0 auto; max-width: 1180px; padding: 0 16px;
   color: #1c2530; background: #fff }
@@ -13,26 +15,36 @@ td:first-child, th:first-child { text-align: left; white-space: nowrap }
 .pass { color: #0a7d32 } .fail { color: #c22020; font-weight: 600 } .not, .no { color: #9a6b00 }
 #view { width: 100%; height: 560px; background: #f4f6f8; touch-action: none; cursor: grab;
   display: block }
-#bar { height: 12px; width: 260px; display: inline-block; vertical-align: middle; margin: 0 6px }
+svg { display: block; max-width: 100%; height: auto } .bar { margin: 8px 0 }
 .row { display: flex; flex-wrap: wrap; gap: 20px } img { max-width: 100% }
-figure { margin: 0 } figcaption { color: #5a6675; font-size: 13px }
+figure { margin: 0; min-width: 0 } figcaption { color: #5a6675; font-size: 13px }
 .banner { font-size: 34px; font-weight: 700; text-align: center; padding: 6px; margin: 12px 0 0;
   border-radius: 4px; background: #e6e8eb }
 .banner.pass { background: #0b5d1e; color: #fff } .banner.fail { background: #8f1010; color: #fff }
-.banner.not { background: #ffd966; color: #1a1a1a }
+.banner.not, .banner.no { background: #ffd966; color: #1a1a1a }
 .heading { display: grid; grid-template-columns: repeat(auto-fill, minmax(220px, 1fr));
   gap: 2px 18px; margin: 8px 0 14px; border: 1px solid #dde3ea; padding: 8px 12px }
 .heading dt { color: #5a6675; font-size: 12px } .heading dd { margin: 0 0 4px }
 details { border-top: 1px solid #dde3ea } summary { cursor: pointer }
 summary h2 { display: inline-block; margin: 10px 0 } .print { display: none }
+.line { white-space: nowrap } .sentence { display: inline-block; min-width: 14em;
+  text-align: left }
 @media (max-width: 600px) { body { padding: 0 8px } #view { height: 320px }
   .banner { font-size: 26px }
   td, th { padding: 2px 5px; font-size: 13px } .row img { width: 100% } }
-@media print { @page { margin: 14mm } body { font-size: 11px; max-width: none }
-  #view, #view + p, details:not([open]) { display: none } .print { display: block }
-  .print img { max-height: 95mm } .row img { max-height: 60mm } .wide { overflow: visible }
-  figure, table, svg { break-inside: avoid } .banner { -webkit-print-color-adjust: exact;
-  print-color-adjust: exact } }
+@media print { @page { size: A4; margin: 12mm }
+  body { font-size: 9.5px; max-width: none; padding: 0 } h1 { font-size: 16px; margin: 6px 0 2px }
+  h2, summary h2 { font-size: 12px; margin: 8px 0 3px } .banner { font-size: 26px; margin: 0 }
+  .screen, details:not([open]), tr.unprinted { display: none } .print { display: block }
+  tr.print { display: table-row } td, th { padding: 0 4px }
+  .sentence { min-width: 42mm } summary { list-style: none }
+  .print img { max-height: 105mm } .heading { grid-template-columns: repeat(5, 1fr);
+  margin: 4px 0; padding: 4px 8px } .heading dt { font-size: 8.5px }
+  .row { display: grid; grid-template-columns: 1fr 1fr; gap: 6px 12px }
+  .row img, .labeled { max-height: 80mm } .labeled { width: 100% } .wide { overflow: visible }
+  .histogram { width: 120mm } .bar { width: 110mm } figcaption { font-size: 8.5px }
+  figure, tr, svg { break-inside: avoid } h2, summary { break-after: avoid }
+  .banner, .pass, .fail { -webkit-print-color-adjust: exact; print-color-adjust: exact } }
 """
 
 # Positions come as 16 bit shares of the box, colors as 8 bit (255: no value), corners as 32 bit.
@@ -63,12 +75,7 @@ PROGRAM = """
   gl.attachShader(program, shader(gl.FRAGMENT_SHADER, `#version 300 es
     precision highp float; in vec3 at; in float shown; uniform vec3 eye; uniform int plain;
     out vec4 color;
-    vec3 map(float t) {
-      vec3 cold = mix(vec3(0.10, 0.22, 0.65), vec3(0.35, 0.75, 0.85), smoothstep(0.0, 0.35, t));
-      vec3 mild = mix(cold, vec3(0.45, 0.78, 0.40), smoothstep(0.3, 0.5, t));
-      vec3 warm = mix(mild, vec3(0.95, 0.82, 0.25), smoothstep(0.5, 0.7, t));
-      return mix(warm, vec3(0.80, 0.12, 0.10), smoothstep(0.7, 1.0, t));
-    }
+    @MAP@
     void main() {
       vec3 n = normalize(cross(dFdx(at), dFdy(at)));
       float light = 0.35 + 0.65 * abs(dot(n, normalize(eye - at)));
@@ -150,7 +157,4 @@ PROGRAM = """
   window.addEventListener('resize', draw);
   draw();
 })();
-"""
-
-# the colors of the fragment shader's map, for the bar beside the view
-BAR = 'linear-gradient(90deg,#1a38a6,#59bfd9 33%,#73c766 50%,#f2d140 70%,#cc1f1a)'
+""".replace('@MAP@', glsl())

@@ -28,6 +28,7 @@ _DEPTHS = {
     'joint_states': STATE_DEPTH,
     'profile': PROFILE_DEPTH,
     'view': VIEW_DEPTH,
+    'tf': STATE_DEPTH,
 }
 # Transient local: a late-joining subscription receives the last message.
 _LATCHED = (
@@ -38,6 +39,8 @@ _LATCHED = (
     'scan_status',
     'recorded',
     'laser_states',
+    'robot_description',
+    'tf_static',
 )
 _DEPTH = 10
 

@@ -9,6 +9,8 @@ from ivfmc_ros.cli.support.cell_run import command
 from ivfmc_ros.cli.support.cell_run import parse_overrides
 from ivfmc_ros.cli.support.cell_run import write_simulated
 from ivfmc_ros.errors import CatalogueError
+from ivfmc_ros.errors import FileError
+from ivfmc_ros.errors import NotReadyError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
@@ -81,3 +83,26 @@ def test_node_gets_its_files_and_its_parameters(tmp_path):
 def test_override_of_another_form_is_refused(item):
     with pytest.raises(ParameterError, match='--set'):
         parse_overrides([item])
+
+
+def test_report_of_a_scan_is_printed(root, monkeypatch):
+    printed = []
+    monkeypatch.setattr(
+        'ivfmc_ros.cli.scans.exchange.print_pdf', lambda page, pdf: printed.append((page, pdf))
+    )
+    folder = Catalogue(root).scan('s1').folder
+    answer = run('report', 's1', '--scans', root, '-o', root / 'a.pdf')
+    assert answer.exit_code == 0, answer.exception
+    assert 'a.pdf' in answer.output
+    run('report', 's1', '--scans', root, '-o', root / 'b.pdf', '--inspection')
+    assert printed == [
+        (folder / 'report.html', root / 'a.pdf'),
+        (folder / 'inspection.html', root / 'b.pdf'),
+    ]
+
+
+def test_report_that_was_not_written_is_named(root):
+    answer = run('report', 's2', '--scans', root, '-o', root / 'a.pdf')
+    # a browser is looked for first
+    assert isinstance(answer.exception, FileError | NotReadyError)
+    assert not (root / 'a.pdf').exists()

@@ -12,10 +12,11 @@ from ivfmc_ros.errors import FileError
 from ivfmc_ros.inspection.reports.html import Page
 from ivfmc_ros.inspection.reports.html import ReportImage
 from ivfmc_ros.inspection.reports.html import write_html
+from ivfmc_ros.inspection.reports.pdf import BROWSERS
 from ivfmc_ros.meshing.filters.vertex_clustering import cluster_vertices_with_values
 from ivfmc_ros.simulation.parts.solids import sphere
 
-BROWSER = next(filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'chrome'))), None)
+BROWSER = next(filter(None, map(shutil.which, BROWSERS)), None)
 needs_browser = pytest.mark.skipif(
     BROWSER is None, reason='no Chromium here: install chromium to see that the report renders'
 )
@@ -67,11 +68,13 @@ def test_verdict_comes_first_and_other_parts_are_folded(tmp_path):
         'surface': [{'name': 'all', 'verdict': 'fail'}],
         'seconds': {'meshing': 2.0},
     }
-    heading = {'part': 'a <part>', 'operator': ''}
+    heading = {'part': 'a <part>', 'mesh': '/tmp/somewhere/mesh.ply', 'operator': ''}
     write_html(tmp_path / 'report.html', page(figures=figures, heading=heading))
     text = (tmp_path / 'report.html').read_text()
     assert text.index('<p class="banner fail">FAIL</p>') < text.index('<h1>')
     assert '<dt>part</dt><dd>a &lt;part&gt;</dd>' in text
+    assert '<dd>mesh.ply</dd>' in text
+    assert '/somewhere' not in text
     assert '<details open><summary><h2>surface</h2>' in text
     assert '<details><summary><h2>seconds</h2>' in text
 

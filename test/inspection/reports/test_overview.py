@@ -13,6 +13,9 @@ from support.synthetic import sphere_profiles
 from ivfmc_ros.inspection.reports.overview import write_cloud_sheet
 from ivfmc_ros.inspection.reports.overview import write_mesh_sheet
 from ivfmc_ros.inspection.reports.overview import write_stripe_sheet
+from ivfmc_ros.inspection.reports.rendering import BACK_BGR
+from ivfmc_ros.inspection.reports.rendering import FRONT_BGR
+from ivfmc_ros.inspection.reports.rendering import scale_bar
 from ivfmc_ros.meshing.paper.range_mesh import range_mesh
 from ivfmc_ros.model import Frame
 from ivfmc_ros.registration.views.assemble import assemble
@@ -37,35 +40,54 @@ def test_mesh_that_is_inside_out_is_seen_at_once(tmp_path):
     # the ring of a sphere is open above and below, so that some inside is seen
     assert red_share(tmp_path / 'right.png') < 0.35
     assert red_share(tmp_path / 'wrong.png') > 0.65
-    assert cv2.imread(str(tmp_path / 'right.png')).shape == (1280, 2160, 3)
+    assert cv2.imread(str(tmp_path / 'right.png')).shape == (1280 + 44, 2160, 3)
 
 
 def test_cloud_is_drawn_from_six_sides(tmp_path):
     points = sphere_mesh().vertices_xyz
     write_cloud_sheet(tmp_path / 'cloud.png', points, points[:, 2])
     picture = cv2.imread(str(tmp_path / 'cloud.png'))
-    assert picture.shape == (1280, 2160, 3)
-    tiles = picture.reshape(2, 640, 3, 720, 3).swapaxes(1, 2).reshape(6, -1)
+    assert picture.shape == (1280 + 44, 2160, 3)
+    tiles = picture[:1280].reshape(2, 640, 3, 720, 3).swapaxes(1, 2).reshape(6, -1)
     assert ((tiles < 245).sum(axis=1) > 1000).all()
 
 
-@pytest.mark.parametrize('shape', [(512, 640), (512, 640, 3)])
-@pytest.mark.parametrize('depth', [8, 16])
-def test_stripe_points_are_drawn_where_they_were_found(tmp_path, shape, depth):
-    frame = Frame(image=np.zeros(shape, dtype=f'uint{depth}'), stamp_ns=0, angle=0.1, seq=3)
-    uv = np.array([[300.4, 100.0], [301.2, 101.0]])
-    profile = make_profile(np.zeros((2, 3)), uv=uv)
-    write_stripe_sheet(tmp_path / 'stripe.png', [(frame, profile)] * 5)
+def test_every_view_of_a_mesh_has_a_scale_bar_of_the_length_it_states(tmp_path):
+    mesh = sphere_mesh()
+    write_mesh_sheet(tmp_path / 'mesh.png', mesh)
+    picture = cv2.imread(str(tmp_path / 'mesh.png'))
+    size = np.ptp(mesh.vertices_xyz, axis=0).max()
+    for row in (640, 1280):
+        for column in (0, 720, 1440):
+            # the bar is a dark line at the bottom of its tile
+            line = (picture[row - 18, column : column + 720] < 60).all(axis=1)
+            length, pixels = scale_bar(0.46 * 640 / (0.5 * size), 720)
+            assert line.sum() == pytest.approx(pixels, rel=0.2)
+            assert length in (0.01, 0.02, 0.005)
+
+
+@pytest.mark.parametrize(
+    ('scale', 'width', 'length'), [(1000.0, 400, 0.1), (999.0, 400, 0.1), (3e4, 720, 5e-3)]
+)
+def test_scale_bar_is_a_round_length_of_at_most_a_quarter(scale, width, length):
+    assert scale_bar(scale, width) == (pytest.approx(length), pytest.approx(length * scale))
+
+
+def test_back_faces_are_in_the_legend(tmp_path):
+    mesh = sphere_mesh()
+    write_mesh_sheet(tmp_path / 'mesh.png', mesh)
+    legend = cv2.imread(str(tmp_path / 'mesh.png'))[1280:]
+    for color in (FRONT_BGR, BACK_BGR):
+        assert (legend == color).all(axis=2).sum() > 300
+
+
+@pytest.mark.parametrize('count', range(1, 13))
+def test_sheet_of_stripes_has_no_empty_tile(tmp_path, count):
+    frame = Frame(image=np.full((128, 160), 9, dtype=np.uint8), stamp_ns=0, angle=0.1)
+    profile = make_profile(np.zeros((1, 3)), uv=np.array([[80.0, 64.0]]))
+    write_stripe_sheet(tmp_path / 'stripe.png', [(frame, profile)] * count)
     picture = cv2.imread(str(tmp_path / 'stripe.png'))
-    assert picture.shape == (2 * 512, 4 * 640, 3)
-    for row, column in ((0, 0), (0, 1920), (512, 0)):
-        tile = picture[row : row + 512, column : column + 640]
-        assert np.argwhere((tile == (0, 0, 255)).all(axis=2)).tolist() == [[100, 300], [101, 301]]
-    # what is left over is white
-    assert (picture[512:, 640:] == 255).all()
-
-
-def test_picture_without_points_is_drawn(tmp_path):
-    frame = Frame(image=np.zeros((512, 640), dtype=np.uint8), stamp_ns=0, angle=0.0)
-    write_stripe_sheet(tmp_path / 'stripe.png', [(frame, make_profile(np.empty((0, 3))))])
-    assert (tmp_path / 'stripe.png').stat().st_size > 0
+    rows, columns = picture.shape[0] // 512, picture.shape[1] // 640
+    assert rows * columns >= count - 1
+    tiles = picture.reshape(rows, 512, columns, 640, 3).swapaxes(1, 2).reshape(-1, 512 * 640 * 3)
+    assert (tiles == 9).mean(axis=1).min() > 0.5

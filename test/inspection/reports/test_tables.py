@@ -5,7 +5,10 @@ import re
 
 import pytest
 
+from ivfmc_ros.inspection.reports.tables import folded
+from ivfmc_ros.inspection.reports.tables import PRINTED_ROWS
 from ivfmc_ros.inspection.reports.tables import tables
+from ivfmc_ros.inspection.reports.tables import without_folders
 
 
 def rows(html):
@@ -18,6 +21,7 @@ def rows(html):
     ('key', 'value', 'shown'),
     [
         ('rms_before', 5.31e-6, ['rms before, mm', '0.0053']),
+        ('deviation_m', -2e-9, ['deviation, mm', '0.0000']),
         ('form_m', 1.5e-5, ['form, mm', '0.0150']),
         ('rotation', math.radians(0.25), ['rotation, deg', '0.250']),
         ('jitter', 2.3e-4, ['jitter, ms', '0.23']),
@@ -53,3 +57,39 @@ def test_parts_come_below_what_has_none_and_are_a_level_lower():
 def test_verdict_has_its_color():
     html = tables({'features': [{'name': 'plane 1', 'verdict': 'not decided'}]})
     assert '<span class="not">not decided</span>' in html
+
+
+def test_folded_parts_have_the_content_of_sections():
+    figures = {'code': 'OK', 'mesh': {'paths': {'stl': 'a.stl'}}, 'views': [{'view': 0}]}
+    html = folded(figures, ('views',))
+    assert re.findall(r'<details( open)?><summary><h2>(.*?)</h2>', html) == [
+        ('', 'mesh'),
+        (' open', 'views'),
+    ]
+    assert rows(html) == rows(tables(figures))
+
+
+def test_long_table_is_printed_in_part_and_says_so():
+    verdicts = ['pass'] * 50 + ['fail'] * 4
+    html = tables({'features': [{'name': str(k), 'verdict': v} for k, v in enumerate(verdicts)]})
+    printed = rows(html)[1:]
+    assert len(printed) == PRINTED_ROWS
+    assert [row[0] for row in printed] == [*map(str, range(20)), '50', '51', '52', '53']
+    assert html.count('<tr class="unprinted">') == 30
+    assert '30 more rows' in html
+
+
+@pytest.mark.parametrize(
+    ('text', 'shown'),
+    [
+        ('/tmp/a/b/mesh.stl', 'mesh.stl'),
+        ('/tmp/a/cell.yaml: lasers: none', 'cell.yaml: lasers: none'),
+        ('received on /ivfmc/laser_states', 'received on /ivfmc/laser_states'),
+        ('a/b.stl', 'a/b.stl'),
+        ('ratio 1/2', 'ratio 1/2'),
+        ('/tmp', '/tmp'),
+    ],
+)
+def test_no_folder_of_this_computer_is_shown(text, shown):
+    assert without_folders(text) == shown
+    assert rows(tables({'why': text})) == [['why', shown]]
