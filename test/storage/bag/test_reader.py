@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 import random
 
+from mcap.writer import CompressionType
 from mcap.writer import IndexType
 import pytest
 
@@ -55,9 +56,11 @@ def test_folder_and_file_are_the_same_bag(write_bag, form):
          'index_types': IndexType.NONE, 'use_summary_offsets': False},
         {'use_chunking': False},
         {'enable_crcs': False},
+        {'compression': CompressionType.LZ4},
+        {'compression': CompressionType.NONE},
     ],
 )  # fmt: skip
-def test_file_without_index_or_chunks_is_read(write_mcap, options):
+def test_file_of_another_writer_is_read(write_mcap, options):
     bag = open_bag(write_mcap(('/joint_states', JOINT, _joints(4)), **options))
     assert bag.topics['/joint_states'].count == 4
     decode = bag.decoder('/joint_states')
