@@ -117,6 +117,6 @@ def _advice(rms: float, noise: float, count: int, *, all_rms: float, all_noise: 
         return ''
     return (
         f'the lasers measure the same surface {rms * 1e3:.3f} mm apart, {rms / noise:.0f} '
-        'times their noise: calibrate the laser planes and the axis again, or let this scan '
-        'correct them (refine axis, angle, lasers)'
+        'times their noise: check the steps per turn and calibrate the laser planes and the axis '
+        'again, or let this scan correct them (refine axis, angle, lasers)'
     )

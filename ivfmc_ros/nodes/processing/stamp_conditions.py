@@ -4,9 +4,9 @@
 
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.health import Level
+from ivfmc_ros.storage.matching.clock_offset import clock_text
+from ivfmc_ros.storage.matching.clock_offset import differ
 
-# Seconds by which stamps of images and joint states may differ: more than any delay of one clock.
-_MAX_CLOCK_OFFSET_S = 2.0
 # Seconds after a jump of the stamps until it is no condition any more.
 _JUMP_CONDITION_S = 5.0
 # Kinds of conditions.
@@ -72,11 +72,7 @@ class StampConditions:
                 del self._jumps_s[topic]
                 self._node.health.clear(_JUMP, topic)
         offset, health = self.clock_offset_s, self._node.health
-        if abs(offset) <= _MAX_CLOCK_OFFSET_S:
+        if not differ(offset):
             health.clear(_CLOCKS, images)
             return
-        text = (
-            f'stamps are {abs(offset):.1f} s {"ahead of" if offset > 0.0 else "behind"} those of '
-            f'{joints}; synchronize the clocks of the two publishers'
-        )
-        health.set(_CLOCKS, images, Level.WARN, text, f'clock agrees with {joints}')
+        health.set(_CLOCKS, images, Level.WARN, clock_text(offset), f'clock agrees with {joints}')

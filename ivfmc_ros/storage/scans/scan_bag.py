@@ -25,6 +25,8 @@ from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.bag.topics import find_scan_topics
 from ivfmc_ros.storage.bag.topics import missing_topic_error
 from ivfmc_ros.storage.bag.topics import ScanTopics
+from ivfmc_ros.storage.matching.clock_offset import clock_text
+from ivfmc_ros.storage.matching.clock_offset import differ
 from ivfmc_ros.storage.matching.frame_matching import FrameMatch
 from ivfmc_ros.storage.matching.frame_matching import FrameMatcher
 from ivfmc_ros.storage.matching.frame_matching import MatchSettings
@@ -41,9 +43,6 @@ from ivfmc_ros.storage.scans.scan_messages import is_transforms
 from ivfmc_ros.storage.scans.scan_messages import read_messages
 from ivfmc_ros.storage.scans.scan_messages import received_remarks
 from ivfmc_ros.storage.scans.scan_messages import states_of_transforms
-
-# Seconds by which stamps of images and joint states may differ: more than any delay of one clock.
-MAX_CLOCK_OFFSET_S = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -241,15 +240,8 @@ def _clock_offset_s(messages: Mapping[str, list[Any]]) -> float:
 
 
 def _table_remarks(remarks: Sequence[str], ahead_s: float, where: str) -> list[str]:
-    differ = abs(ahead_s) > MAX_CLOCK_OFFSET_S
-    return [f'{where}: {text}' for text in (*remarks, *([_clock_text(ahead_s)] if differ else []))]
-
-
-def _clock_text(ahead_s: float) -> str:
-    return (
-        f'the stamps of images are {abs(ahead_s):.1f} s {"ahead of" if ahead_s > 0 else "behind"} '
-        'those of the table; synchronize the clocks of the two publishers and record again'
-    )
+    said = [*remarks, clock_text(ahead_s)] if differ(ahead_s) else remarks
+    return [f'{where}: {text}' for text in said]
 
 
 def _image_stamps(messages: Mapping[str, list[Any]], where: str) -> list[int]:
@@ -269,11 +261,11 @@ def _require_angles(
     outside = [stamp for stamp in stamps_ns if not history.covers(stamp)]
     if not outside:
         return
-    if len(outside) == len(stamps_ns) and abs(ahead_s) <= MAX_CLOCK_OFFSET_S:
+    if len(outside) == len(stamps_ns) and not differ(ahead_s):
         # a recorder that logs at the stamps hides the offset
         ahead_s = (stamps_ns[0] - history.stamps_ns[0]) / cdr.NANOSECONDS
-    if abs(ahead_s) > MAX_CLOCK_OFFSET_S:
-        raise BagError(f'{where}: {_clock_text(ahead_s)}')
+    if differ(ahead_s):
+        raise BagError(f'{where}: {clock_text(ahead_s)} and record again')
     raise BagError(
         f'{where}: {len(outside)} images are outside the reported positions, the first at '
         f'{_stamp_text(outside[0])}; record joint_states from before the first image to the '
