@@ -52,6 +52,31 @@ def write_sqlite(source, target, *, encoding='cdr', definitions=True, skip=0, st
     return file
 
 
+def write_rosbag2(source, target, *, storage, compression=None, cut=0):
+    """
+    Write the messages of a bag into a new one.
+
+    compression : mode and format of rosbag2
+    cut : bytes that each compressed message is short of
+    """
+    bag = open_bag(source)
+    writer = Writer(target, version=9, storage_plugin=storage)
+    if compression:
+        writer.set_compression(*compression)
+    with writer:
+        if cut:
+            write = writer.storage.write
+            writer.storage.write = lambda connection, time_ns, data: write(
+                connection, time_ns, data[:-cut]
+            )
+        for name, topic in bag.topics.items():
+            connection = writer.add_connection(
+                name, topic.msgtype, msgdef=topic.definition, rihs01=cdr.type_hash(topic.msgtype)
+            )
+            for raw in bag.messages([name]):
+                writer.write(connection, raw.log_time_ns, raw.data)
+
+
 def split_sqlite(source, target, at):
     """Write the messages of a bag into a new one of two SQLite files, split at a message."""
     first = write_sqlite(source, target, stop=at)

@@ -7,6 +7,7 @@ import re
 
 from ivfmc_ros.errors import BagError
 from ivfmc_ros.pictures import natural_key
+from ivfmc_ros.storage.bag import decompression
 from ivfmc_ros.storage.bag import metadata
 
 # End of the name of a file that its recorder has not finished.
@@ -14,10 +15,9 @@ PART_SUFFIX = '.part'
 
 _SUFFIX = '.mcap'
 _SUFFIXES = (_SUFFIX, '.db3', '.bag')
-# rosbag2's compression mode 'file' adds the name of the format.
-_COMPRESSED = tuple(suffix + end for suffix in _SUFFIXES for end in ('.zstd', '.zst'))
+_COMPRESSED = tuple(suffix + end for suffix in _SUFFIXES for end in decompression.SUFFIXES)
 # rosbag2 names the files of a split recording <bag>_0.mcap, <bag>_1.mcap and so on.
-_SPLIT_NAME = re.compile(r'(.*)_([0-9]+)(\.mcap|\.db3)')
+_SPLIT_NAME = re.compile(r'(.*)_([0-9]+)((?:\.mcap|\.db3)(?:\.zstd?)?)')
 
 
 def is_unfinished(file: Path) -> bool:
@@ -25,21 +25,28 @@ def is_unfinished(file: Path) -> bool:
     return file.name.endswith(PART_SUFFIX)
 
 
-def find_files(path: Path) -> tuple[tuple[Path, ...], str]:
+def find_files(path: Path, *, compressed: bool = False) -> tuple[tuple[Path, ...], str]:
     """
     Return the files of a bag in recording order, and a remark on what is missing, or ''.
 
     path : bag folder, or a file
-    :raises BagError: the folder is not a bag, or it is not clear which files belong to it
+    compressed : accept files that are compressed as a whole
+    :raises BagError: the folder is not a bag, a file is compressed, or it is not clear which
+        files belong to it
     """
+    files, remark = _find_files(path)
+    if not compressed:
+        _refuse_compressed(files)
+    return files, remark
+
+
+def _find_files(path: Path) -> tuple[tuple[Path, ...], str]:
     if not path.is_dir():
-        _refuse_compressed(path.parent, [path.name])
         return (path,), _unfinished_remark(path) if is_unfinished(path) else ''
     if (path / metadata.FILE_NAME).exists():
         return tuple(metadata.bag_files(path)), ''
     file_names = _names(path)
-    _refuse_compressed(path, file_names)
-    complete = [path / name for name in file_names if name.endswith(_SUFFIXES)]
+    complete = [path / name for name in file_names if name.endswith((*_SUFFIXES, *_COMPRESSED))]
     parts = [path / name for name in file_names if name.endswith(_SUFFIX + PART_SUFFIX)]
     if not complete and len(parts) == 1:
         return tuple(parts), _unfinished_remark(parts[0])
@@ -55,13 +62,13 @@ def find_files(path: Path) -> tuple[tuple[Path, ...], str]:
     return tuple(complete), f'{path}: has no {metadata.FILE_NAME}; {names} is read without it'
 
 
-def _refuse_compressed(folder: Path, names: list[str]) -> None:
+def _refuse_compressed(files: tuple[Path, ...]) -> None:
     """:raises BagError: a file is compressed as a whole, as by ros2 bag record in file mode."""
-    for name in names:
-        if name.endswith(_COMPRESSED):
+    for file in files:
+        if decompression.is_compressed(file):
             raise BagError(
-                f'{folder / name}: is compressed as a whole; unpack it with zstd -d (chunks of an '
-                'MCAP file may be compressed)'
+                f'{file}: is compressed as a whole; unpack it with zstd -d (chunks of an MCAP '
+                'file may be compressed)'
             )
 
 

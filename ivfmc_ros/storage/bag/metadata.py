@@ -16,6 +16,7 @@ from ivfmc_ros.storage.messages import cdr
 
 FILE_NAME = 'metadata.yaml'
 _STORAGES = ('mcap', 'sqlite3')
+_COMPRESSION_MODES = ('', 'none', 'file', 'message')
 
 # Version of the format that rosbag2 of ROS 2 Jazzy writes.
 VERSION = 9
@@ -173,11 +174,7 @@ def bag_files(folder: Path) -> list[Path]:
             f'{path}: the bag is stored as {storage!r}, only {" and ".join(_STORAGES)} can be '
             'read; convert it with ros2 bag convert'
         )
-    if info.get('compression_mode'):
-        raise BagError(
-            f'{path}: rosbag2 compressed the bag by {info["compression_mode"]}; convert it with '
-            'ros2 bag convert to one without (chunks of the MCAP may be compressed)'
-        )
+    _require_compression(path, info)
     names = info.get('relative_file_paths')
     if not isinstance(names, list) or not names:
         raise BagError(f'{path}: relative_file_paths: must be a list of files')
@@ -187,6 +184,26 @@ def bag_files(folder: Path) -> list[Path]:
     if twice:
         raise BagError(f'{path}: relative_file_paths: has {twice[0]} more than once')
     return files
+
+
+def has_compressed_messages(folder: Path) -> bool:
+    """
+    Return whether each message of a bag folder is compressed by itself.
+
+    :raises BagError: metadata.yaml is missing or invalid
+    """
+    return str(_read(folder / FILE_NAME).get('compression_mode') or '').lower() == 'message'
+
+
+def _require_compression(path: Path, info: Mapping[str, Any]) -> None:
+    mode = str(info.get('compression_mode') or '').lower()
+    method = str(info.get('compression_format') or '').lower()
+    if mode not in _COMPRESSION_MODES or (mode not in ('', 'none') and method != 'zstd'):
+        raise BagError(
+            f'{path}: rosbag2 compressed the bag by {info.get("compression_mode")!r} '
+            f'{info.get("compression_format")!r}, only file and message by zstd can be read; '
+            'convert it with ros2 bag convert'
+        )
 
 
 def contradiction(folder: Path, counts: Mapping[str, int]) -> str:

@@ -20,6 +20,9 @@ from ivfmc_ros.storage.bag.bag_file import BagFormat
 from ivfmc_ros.storage.bag.bag_file import FileDamage
 from ivfmc_ros.storage.bag.bag_file import RawMessage
 from ivfmc_ros.storage.bag.bag_file import Topic
+from ivfmc_ros.storage.bag.decompression import decompress_message
+from ivfmc_ros.storage.bag.decompression import decompressed
+from ivfmc_ros.storage.bag.decompression import is_compressed
 from ivfmc_ros.storage.bag.locate import find_files
 from ivfmc_ros.storage.bag.locate import is_unfinished
 from ivfmc_ros.storage.messages import cdr
@@ -37,6 +40,7 @@ class Bag:
     topics : by name
     damage : description of the damage of a bag that was opened for salvage, or None
     remarks : what was missing or damaged and did not prevent reading, damage included
+    compressed_messages : each message is compressed by itself
     """
 
     path: Path
@@ -44,6 +48,7 @@ class Bag:
     topics: dict[str, Topic]
     damage: str | None = None
     remarks: tuple[str, ...] = ()
+    compressed_messages: bool = False
 
     @property
     def message_count(self) -> int:
@@ -127,8 +132,13 @@ class Bag:
                     if topic in topics:
                         index = seen[topic]
                         seen[topic] += 1
+                        content = (
+                            decompress_message(data, f'{file}: {topic}', index)
+                            if self.compressed_messages
+                            else data
+                        )
                         yield RawMessage(
-                            topic=topic, index=index, log_time_ns=log_time_ns, data=data
+                            topic=topic, index=index, log_time_ns=log_time_ns, data=content
                         )
             except FileDamage as damage:
                 raise BagError(_refusal(_damage_text(file, str(damage)))) from damage
@@ -155,7 +165,8 @@ def open_bag(path: Path, *, salvage: bool = False) -> Bag:
     salvage : accept any damaged bag; ``Bag.damage`` describes the damage
     :raises BagError: the path is not a bag, the bag is damaged, or its encoding is not supported
     """
-    files, missing = find_files(path)
+    found, missing = find_files(path, compressed=True)
+    files = tuple(decompressed(file) if is_compressed(file) else file for file in found)
     topics: dict[str, Topic] = {}
     damage = None
     remarks = [missing] if missing else []
@@ -173,7 +184,15 @@ def open_bag(path: Path, *, salvage: bool = False) -> Bag:
             _add(topics, topic)
     _require_cdr(path, topics)
     remarks += _metadata_remarks(path, topics)
-    return Bag(path=path, files=files, topics=topics, damage=damage, remarks=tuple(remarks))
+    return Bag(
+        path=path,
+        files=files,
+        topics=topics,
+        damage=damage,
+        remarks=tuple(remarks),
+        compressed_messages=(path / metadata.FILE_NAME).is_file()
+        and metadata.has_compressed_messages(path),
+    )
 
 
 def _metadata_remarks(path: Path, topics: dict[str, Topic]) -> list[str]:

@@ -46,11 +46,6 @@ def test_file_that_is_listed_twice_is_named(tmp_path):
         bag_files(folder)
 
 
-def test_bag_that_rosbag2_compressed_is_refused(tmp_path):
-    with pytest.raises(BagError, match='rosbag2 compressed the bag by message; convert'):
-        bag_files(_write(tmp_path, compression_mode='message', compression_format='zstd'))
-
-
 def test_bag_without_files_is_refused(tmp_path):
     with pytest.raises(BagError, match='relative_file_paths: must be a list'):
         bag_files(_write(tmp_path, relative_file_paths=[]))
