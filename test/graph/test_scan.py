@@ -48,7 +48,8 @@ def deviation(client, answer):
     part = demo_part()
     client.until(lambda: _values(client)['report'], 120.0, 'no report')
     page = Path(_values(client)['report']).read_text()
-    assert 'cloud after registration' in page
+    # one laser leaves the registration nothing to move
+    assert any(text in page for text in ('poses of the table were kept', 'after registration'))
     assert 'with the stripe found' in page
     vertices, _ = read_stl(Path(answer['files']['mesh.stl']))
     distance = Surface(part.vertices_xyz, part.faces).signed_distance(vertices)

@@ -32,6 +32,8 @@ _WRONG_SHARE, _BASELINES = 0.02, 3
 _AFTER_S = 0.6
 # clear_alarm is tried so often: a controller needs a moment after its port is back.
 _ATTEMPTS = 5
+# Seconds that a camera which was plugged in again may take to publish.
+_CAMERA_S = 20.0
 # A table that turns in a sweep or in homing is faster than this, rad/s.
 _TURNS = 0.15
 # Profiles that are on disk before a fault in the middle of a scan.
@@ -257,6 +259,7 @@ def repair(cell: FaultCell, *, plug: bool) -> list[str]:
     cell.reset_clocks()
     # diagnostics come once a second
     client.wait(lambda: False, 1.2)
+    client.wait(lambda: 'publishing' in client.diagnostic('camera'), _CAMERA_S)
     for _ in range(_ATTEMPTS):
         if not _has_fault(client.diagnostic('turntable')):
             break

@@ -18,6 +18,7 @@ from ivfmc_ros.errors import NotReadyError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.nodes.framework.adaptive_subscription import AdaptiveSubscription
 from ivfmc_ros.nodes.framework.base import CellNode
+from ivfmc_ros.storage.messages.camera_info import distortion_remark
 from ivfmc_ros.storage.messages.camera_info import to_camera
 
 
@@ -155,6 +156,9 @@ class CellSource:
         self._last_info = info
         self._cell = self._camera = None
         self._camera = to_camera(message, self.infos.topic)
+        remark = distortion_remark(message)
+        if remark:
+            self._node.get_logger().warning(f'{self.infos.topic}: {remark}')
 
 
 def _required(path: str) -> Path:

@@ -43,6 +43,13 @@ def to_camera(info: Any, where: str = 'camera_info') -> Camera:
         raise CellError(f'{where}: {cause}{error}') from error
 
 
+def distortion_remark(info: Any) -> str:
+    """Return what is said of a camera_info that states no distortion, '' where it states one."""
+    if len(info.d):
+        return ''
+    return 'states no distortion (d is empty): the images are taken as free of it'
+
+
 def _region(info: Any, where: str) -> tuple[int, int, int, int]:
     """Return (x, y, width, height) of the image in that of full resolution, pixels."""
     roi = info.roi

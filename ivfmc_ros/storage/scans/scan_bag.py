@@ -33,6 +33,7 @@ from ivfmc_ros.storage.matching.frame_matching import MatchSettings
 from ivfmc_ros.storage.matching.joint_history import JointHistory
 from ivfmc_ros.storage.matching.laser_history import LaserHistory
 from ivfmc_ros.storage.messages import cdr
+from ivfmc_ros.storage.messages.camera_info import distortion_remark
 from ivfmc_ros.storage.messages.camera_info import to_camera
 from ivfmc_ros.storage.messages.image_decoding import decode_compressed
 from ivfmc_ros.storage.messages.image_decoding import decode_image
@@ -188,7 +189,12 @@ def open_scan(  # noqa: PLR0913 - one argument for each thing that a foreign bag
         bag=bag,
         topics=scan_topics,
         matches=tuple(matches),
-        remarks=(*bag.remarks, *table_remarks, *received_remarks(path, received=received)),
+        remarks=(
+            *bag.remarks,
+            *table_remarks,
+            *(_camera_remarks(bag, scan_topics, messages) if camera is None else ()),
+            *received_remarks(path, received=received),
+        ),
         received=received,
     )
 
@@ -330,6 +336,15 @@ def _recorded_camera(bag: Bag, topics: ScanTopics, messages: Mapping[str, list[A
         return to_camera(messages['camera_info'][0], f'{bag.path}: {topics.camera_info.name}')
     except CellError as error:
         raise BagError(str(error)) from error
+
+
+def _camera_remarks(
+    bag: Bag, topics: ScanTopics, messages: Mapping[str, list[Any]]
+) -> tuple[str, ...]:
+    if topics.camera_info is None:
+        return ()
+    text = distortion_remark(messages['camera_info'][0])
+    return (f'{bag.path}: {topics.camera_info.name}: {text}',) if text else ()
 
 
 def _dark_stamp_ns(match: FrameMatch) -> int | None:

@@ -297,7 +297,10 @@ def test_distortion_vector_of_opencv_is_completed(
 
 def test_camera_info_may_omit_the_distortion(tmp_path, camera, make_image):
     folder = _with_info(tmp_path, camera, make_image, d=np.empty(0), distortion_model='')
-    assert open_scan(folder).camera.distortion.tolist() == [0] * 5
+    scan = open_scan(folder)
+    assert scan.camera.distortion.tolist() == [0] * 5
+    assert any('camera_info: states no distortion (d is empty)' in text for text in scan.remarks)
+    assert open_scan(folder, camera=camera).remarks == ()
 
 
 @pytest.mark.parametrize(
