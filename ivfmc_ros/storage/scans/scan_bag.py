@@ -149,10 +149,9 @@ def open_scan(  # noqa: PLR0913 - one argument for each thing that a foreign bag
     """
     Open a bag as a scan. The whole bag is read once, so damage is found before any processing.
 
-    path : bag folder or .mcap file
+    path : bag folder or file
     joint : name of the table's joint in joint_states
-    lasers : names, in the order of the cell; a bag without laser_states needs exactly one laser,
-        which is taken as always on
+    lasers : names, in the order of the cell; without laser_states exactly one, always on
     camera : replaces the one in camera_info
     topics : role ('image', 'camera_info', 'joint_states', 'laser_states') -> topic, where it
         is not found by its name or several topics fit
@@ -180,6 +179,7 @@ def open_scan(  # noqa: PLR0913 - one argument for each thing that a foreign bag
     matches = _match(lasers, settings, (joint_history, laser_history), stamps)
     if matching is None and not received:
         matches = _as_recorded_profiles(matches, messages['profile'])
+    said = _recording_remarks(bag, scan_topics, messages, camera)
     table_remarks = _table_remarks(joint_history.remarks(joint), ahead_s, where)
     return ScanBag(
         path=path,
@@ -189,12 +189,7 @@ def open_scan(  # noqa: PLR0913 - one argument for each thing that a foreign bag
         bag=bag,
         topics=scan_topics,
         matches=tuple(matches),
-        remarks=(
-            *bag.remarks,
-            *table_remarks,
-            *(_camera_remarks(bag, scan_topics, messages) if camera is None else ()),
-            *received_remarks(path, received=received),
-        ),
+        remarks=(*said, *table_remarks, *received_remarks(path, received=received)),
         received=received,
     )
 
@@ -338,13 +333,15 @@ def _recorded_camera(bag: Bag, topics: ScanTopics, messages: Mapping[str, list[A
         raise BagError(str(error)) from error
 
 
-def _camera_remarks(
-    bag: Bag, topics: ScanTopics, messages: Mapping[str, list[Any]]
+def _recording_remarks(
+    bag: Bag, topics: ScanTopics, messages: Mapping[str, list[Any]], given: Camera | None
 ) -> tuple[str, ...]:
-    if topics.camera_info is None:
-        return ()
+    """Return the remarks on the files, and that on the camera where it is the recorded one."""
+    if given is not None or topics.camera_info is None:
+        return bag.remarks
     text = distortion_remark(messages['camera_info'][0])
-    return (f'{bag.path}: {topics.camera_info.name}: {text}',) if text else ()
+    where = f'{bag.path}: {topics.camera_info.name}'
+    return (*bag.remarks, f'{where}: {text}') if text else bag.remarks
 
 
 def _dark_stamp_ns(match: FrameMatch) -> int | None:
