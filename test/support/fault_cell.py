@@ -43,7 +43,7 @@ START_S, SCAN_S = 240.0, 120.0
 # The beam may flicker at the end of a scan; resolution of the truth that is read, seconds.
 _RESOLUTION_S = 0.005
 _STRIDE = 9  # of the points that are compared
-_CLOSING_S = 5.0  # seconds that a recording may take to be closed
+_CLOSING_S = 15.0  # seconds until a recording is closed whose orchestrator has to come back
 # A part that shows a rotation on all sides; the demo part is mostly round.
 _PART = 'bracket'
 FINAL = ('DONE', 'FAILED', 'CANCELLED')

@@ -173,8 +173,11 @@ def open_bag(path: Path, *, salvage: bool = False) -> Bag:
     for file in files:
         # a recording that was not finished is cut off at its last chunk
         accept = salvage or is_unfinished(file)
-        contents = format_of(file).read_contents(file, use_index=not accept)
-        file_damage = _damage_text(file, contents.fault) if contents.fault else ''
+        try:
+            contents = format_of(file).read_contents(file, use_index=not accept)
+            file_damage = _damage_text(file, contents.fault) if contents.fault else ''
+        except OSError as error:  # such as a recording that was renamed when it ended
+            raise BagError(f'{file}: cannot be read: {error.strerror or error}') from error
         if file_damage and not accept:
             raise BagError(_refusal(file_damage))
         damage = damage or file_damage or None

@@ -234,3 +234,15 @@ def test_decoded_messages_of_other_recorders_have_their_content(data_dir):
 def test_wrong_rmw_is_refused_by_name(data_dir):
     with pytest.raises(BagError, match=r"wrong_rmw\.mcap: .*encoded as 'wrong_format'"):
         open_bag(data_dir / 'bags' / 'wrong_rmw.mcap')
+
+
+def test_file_that_is_renamed_while_it_is_opened_is_named(write_bag, monkeypatch):
+    folder = write_bag(count=2)
+
+    def vanish(file, **_):
+        file.rename(file.with_suffix('.gone'))
+        return file.stat()
+
+    monkeypatch.setattr('ivfmc_ros.storage.bag.mcap_file.read_contents', vanish)
+    with pytest.raises(BagError, match=r'scan\.mcap: cannot be read: No such file'):
+        open_bag(folder)
