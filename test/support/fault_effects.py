@@ -30,6 +30,8 @@ FINE_TWO: Mapping[str, Any] = {**FINE, 'lasers': ['left', 'right']}
 _WRONG_SHARE, _BASELINES = 0.02, 3
 # Seconds after the end of a scan in which the beam has to stay off.
 _AFTER_S = 0.6
+# Seconds after a fault in which the beam may go off; later it counts as on.
+_BEAM_S = 1.5
 # clear_alarm is tried so often: a controller needs a moment after its port is back.
 _ATTEMPTS = 5
 # Seconds that a camera which was plugged in again may take to publish.
@@ -223,7 +225,8 @@ def observe(
     """Return what became of a scan with a fault at the steady second ``begin_s``."""
     client = cell.client
     code = await_result(cell, scan_id)
-    client.wait(lambda: False, _AFTER_S)
+    # the end may be known before the beam goes off
+    client.wait(lambda: False, max(_AFTER_S, begin_s + _BEAM_S - time.monotonic()))
     found = client.result(scan_id)
     detail = str(found[1].get('detail', '')) if found else 'no result was published'
     ended = code != 'OK'
