@@ -5,7 +5,7 @@
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.storage.matching.clock_offset import clock_text
-from ivfmc_ros.storage.matching.clock_offset import differ
+from ivfmc_ros.storage.matching.clock_offset import clocks_differ
 
 # Seconds after a jump of the stamps until it is no condition any more.
 _JUMP_CONDITION_S = 5.0
@@ -72,7 +72,7 @@ class StampConditions:
                 del self._jumps_s[topic]
                 self._node.health.clear(_JUMP, topic)
         offset, health = self.clock_offset_s, self._node.health
-        if not differ(offset):
+        if not clocks_differ(offset):
             health.clear(_CLOCKS, images)
             return
         health.set(_CLOCKS, images, Level.WARN, clock_text(offset), f'clock agrees with {joints}')

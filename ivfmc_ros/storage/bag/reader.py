@@ -161,6 +161,7 @@ def open_bag(path: Path, *, salvage: bool = False) -> Bag:
 
     A recording that was not finished (``scan.mcap.part``), or whose ``metadata.yaml`` is missing,
     is read as far as it goes; ``Bag.remarks`` says so.
+    What rosbag2 compressed by zstd is decompressed.
 
     salvage : accept any damaged bag; ``Bag.damage`` describes the damage
     :raises BagError: the path is not a bag, the bag is damaged, or its encoding is not supported

@@ -9,7 +9,7 @@ _TAI_S = 37.0
 _TAI_TOLERANCE_S = 0.5
 
 
-def differ(ahead_s: float) -> bool:
+def clocks_differ(ahead_s: float) -> bool:
     """Return whether clocks differ whose stamps are ``ahead_s`` seconds apart."""
     return abs(ahead_s) > MAX_OFFSET_S
 

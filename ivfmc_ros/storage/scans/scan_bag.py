@@ -26,7 +26,7 @@ from ivfmc_ros.storage.bag.topics import find_scan_topics
 from ivfmc_ros.storage.bag.topics import missing_topic_error
 from ivfmc_ros.storage.bag.topics import ScanTopics
 from ivfmc_ros.storage.matching.clock_offset import clock_text
-from ivfmc_ros.storage.matching.clock_offset import differ
+from ivfmc_ros.storage.matching.clock_offset import clocks_differ
 from ivfmc_ros.storage.matching.frame_matching import FrameMatch
 from ivfmc_ros.storage.matching.frame_matching import FrameMatcher
 from ivfmc_ros.storage.matching.frame_matching import MatchSettings
@@ -241,7 +241,7 @@ def _clock_offset_s(messages: Mapping[str, list[Any]]) -> float:
 
 
 def _table_remarks(remarks: Sequence[str], ahead_s: float, where: str) -> list[str]:
-    said = [*remarks, clock_text(ahead_s)] if differ(ahead_s) else remarks
+    said = [*remarks, clock_text(ahead_s)] if clocks_differ(ahead_s) else remarks
     return [f'{where}: {text}' for text in said]
 
 
@@ -262,10 +262,10 @@ def _require_angles(
     outside = [stamp for stamp in stamps_ns if not history.covers(stamp)]
     if not outside:
         return
-    if len(outside) == len(stamps_ns) and not differ(ahead_s):
+    if len(outside) == len(stamps_ns) and not clocks_differ(ahead_s):
         # a recorder that logs at the stamps hides the offset
         ahead_s = (stamps_ns[0] - history.stamps_ns[0]) / cdr.NANOSECONDS
-    if differ(ahead_s):
+    if clocks_differ(ahead_s):
         raise BagError(f'{where}: {clock_text(ahead_s)} and record again')
     raise BagError(
         f'{where}: {len(outside)} images are outside the reported positions, the first at '

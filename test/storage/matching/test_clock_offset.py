@@ -3,12 +3,12 @@
 import pytest
 
 from ivfmc_ros.storage.matching.clock_offset import clock_text
-from ivfmc_ros.storage.matching.clock_offset import differ
+from ivfmc_ros.storage.matching.clock_offset import clocks_differ
 
 
 @pytest.mark.parametrize('ahead_s', [0.0, 1.9, -1.9])
 def test_delay_of_a_network_is_no_other_clock(ahead_s):
-    assert not differ(ahead_s)
+    assert not clocks_differ(ahead_s)
 
 
 @pytest.mark.parametrize(
@@ -21,5 +21,5 @@ def test_delay_of_a_network_is_no_other_clock(ahead_s):
     ],
 )
 def test_clocks_that_differ_are_said_with_the_likely_cause(ahead_s, said):
-    assert differ(ahead_s)
+    assert clocks_differ(ahead_s)
     assert said in clock_text(ahead_s)
