@@ -37,6 +37,7 @@ from ivfmc_ros.nodes.framework.base import run
 from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.nodes.framework.health import WAITING
 from ivfmc_ros.nodes.framework.json_response import describe
+from ivfmc_ros.nodes.framework.life import HEARTBEAT_S
 from ivfmc_ros.nodes.framework.lifecycle import LifecycleCellNode
 from ivfmc_ros.storage.messages.camera_info import to_camera
 
@@ -66,6 +67,8 @@ class CameraNode(LifecycleCellNode):
         self._images = self.publish_on(Image, 'image_raw')
         self._infos = self.publish_on(CameraInfo, 'camera_info')
         self.create_service(SetCameraInfo, '~/set_camera_info', self._set_camera_info)
+        self._reported_fault = ''
+        self.steady_timer(HEARTBEAT_S, self._report_new_fault)
 
     def on_configure(self, state: LifecycleState) -> None:
         """Load the calibration, and check the parameters of the backend."""
@@ -95,7 +98,8 @@ class CameraNode(LifecycleCellNode):
 
     def before_diagnosis(self) -> None:
         """Publish the number of images, and the faults of device and calibration."""
-        capture = self._capture
+        capture, fault = self._capture, self._fault()
+        self._reported_fault = fault
         self._report_device(capture)
         if self._mismatch:
             self.health.fault('camera_info', 'size differs', self._mismatch)
@@ -105,9 +109,12 @@ class CameraNode(LifecycleCellNode):
             self.status('not active')
         else:
             activity = '' if capture.fault else 'publishing images'
-            self.status(
-                activity, pictures=capture.image_count, fault=self._fault(), **capture.counts
-            )
+            self.status(activity, pictures=capture.image_count, fault=fault, **capture.counts)
+
+    def _report_new_fault(self) -> None:
+        # a scan has to end at once; the next diagnostics may be a second away
+        if self._fault() != self._reported_fault:
+            self.publish_diagnostics()
 
     def _fault(self) -> str:
         """Return why the images cannot be measured, '' if they can; the orchestrator reads it."""

@@ -77,12 +77,14 @@ class Sections:
     All sections in the order of time.
 
     numbers, lasers : of each view
+    steps : radians between the profiles of each view, see ``profile_step``
     spacing : meters, between surfels
     """
 
     items: Sequence[Section]
     numbers: Sequence[int]
     lasers: Sequence[int]
+    steps: Sequence[float]
     spacing: float
 
     @cached_property
@@ -133,6 +135,19 @@ def _gap(a: Section, b: Section) -> float:
     return max(a.angle_from - b.angle_to, b.angle_from - a.angle_to)
 
 
+def profile_step(view: View) -> float:
+    """
+    Return mean or upper quartile of the steps between profiles, radians, the larger.
+
+    Lost images count too: a good scan with a mean of 4.2 and a quartile of 4.9 degrees looked like
+    a slip of -0.6.
+    """
+    if len(view.angles) < 2:
+        return 0.0
+    mean = float(np.ptp(view.angles)) / (len(view.angles) - 1)
+    return max(mean, float(np.quantile(np.diff(np.sort(view.angles)), 0.75)))
+
+
 def split_sections(views: Sequence[View], poses: Poses) -> Sections | None:
     """Return the sections of all views at the given poses; None if no view has a surface."""
     spacing = common_voxel_size(list(views), _MAX_SAMPLES)
@@ -149,6 +164,7 @@ def split_sections(views: Sequence[View], poses: Poses) -> Sections | None:
         items=items,
         numbers=[view.number for view in views],
         lasers=[view.laser for view in views],
+        steps=[profile_step(view) for view in views],
         spacing=spacing,
     )
 

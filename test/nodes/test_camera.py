@@ -3,6 +3,7 @@
 from dataclasses import replace
 import subprocess
 import sys
+import time
 
 import cv2
 from lifecycle_msgs.msg import Transition
@@ -87,6 +88,19 @@ def test_simulated_camera_sees_the_live_cell(client, tmp_path):
         process.terminate()
         process.wait(timeout=5)
         client.until(lambda: 'ended' in client.diagnostic('camera'), 10.0)
+
+
+def test_camera_without_images_is_said_within_two_seconds(client, pictures):
+    with running('camera', backend='folder', folder=str(pictures), frame_rate=20.0):
+        images = client.collect(Image, 'image_raw')
+        client.until(lambda: len(images) > 5)
+        # one long frame period, which begins with the next image
+        assert client.set('camera', frame_rate=0.2).successful
+        client.spin(0.2)
+        assert client.set('camera', frame_rate=20.0).successful
+        begin_s = time.monotonic() - 0.2
+        client.until(lambda: 'delivers no images' in client.diagnostic('camera'), 3.0)
+        assert time.monotonic() - begin_s < 2.0
 
 
 def test_exposure_out_of_range_or_longer_than_the_period_is_rejected(client, pictures):

@@ -14,6 +14,8 @@ from support.slipping_scan import SlippingScan
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.model import Poses
 from ivfmc_ros.registration.align import align
+from ivfmc_ros.registration.closure import Closure
+from ivfmc_ros.registration.sections import split_sections
 from ivfmc_ros.registration.slip import check_registration
 from ivfmc_ros.registration.slip import check_table
 from ivfmc_ros.registration.solver.verdict import Verdict
@@ -27,6 +29,9 @@ CELL = bench_cell()
 PARTS = {
     'box': lambda: box((0.05, 0.025, 0.04)).moved(
         transforms.rigid(transforms.rotation_z(0.5), (0.004, 0.007, 0.0))
+    ),
+    'low box': lambda: box((0.06, 0.03, 0.012)).moved(
+        transforms.rigid(transforms.rotation_z(0.3), (0.004, 0.003, 0.0))
     ),
     'cylinder': lambda: cylinder(0.02, 0.05),
     'plate': lambda: plate(0.07, 0.06, 0.006),
@@ -77,6 +82,12 @@ def test_slip_of_one_laser_shows_where_the_sweep_closes(degrees):
         assert math.degrees(found.size) == pytest.approx(degrees, abs=1.0)
 
 
+def test_slip_shows_beside_a_top_that_fits_after_every_slip():
+    found = check(taken('low box', 20.0, 40, lasers=(0,), closure=8))
+    assert found.code == 'SLIPPED'
+    assert 'unknown angle' in found.detail
+
+
 @pytest.mark.parametrize(('degrees', 'after'), [(0.3, 80), (0.7, 20), (-0.4, 100)])
 def test_small_slip_of_one_laser_shows_at_the_default_closure(degrees, after):
     # 15 degrees of 120 profiles a turn
@@ -110,9 +121,25 @@ def test_good_scan_is_ok(name):
     assert found.compared > 0.6
 
 
+@pytest.mark.parametrize('name', ['box', 'low box'])
 @pytest.mark.parametrize('closure', [5, 8])
-def test_good_scan_of_one_laser_with_closure_is_ok(closure):
-    assert check(taken('box', lasers=(0,), closure=closure)).code == 'OK'
+def test_good_scan_of_one_laser_with_closure_is_ok(closure, name):
+    assert check(taken(name, lasers=(0,), closure=closure)).code == 'OK'
+
+
+@pytest.mark.parametrize(('step', 'is_slip'), [(1.8, True), (4.4, False)])
+def test_closure_of_profiles_far_apart_shows_no_small_slip(step, is_slip):
+    views = taken('box', lasers=(0,), closure=8).views()
+    before, *_, after = split_sections(views, Poses.identity(len(views))).items
+    closure = Closure(
+        before=before,
+        after=after,
+        size=math.radians(0.16),
+        sigma=math.radians(0.02),
+        step=math.radians(step),
+    )
+    assert closure.is_slip == is_slip
+    assert closure.is_informative == (step > 2.0)
 
 
 def test_slip_of_a_turned_part_changes_nothing_and_is_no_fault():

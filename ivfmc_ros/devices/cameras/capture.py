@@ -16,7 +16,9 @@ from ivfmc_ros.errors import DeviceError
 
 _RETRY_PERIOD = 1.0  # seconds between attempts to open the camera
 _GRAB_TIMEOUT = 0.2  # seconds; also the longest time that stop() waits for the thread
-_LOST_AFTER = 1.5  # seconds without an image, beyond the frame period, until a fault is reported
+# Seconds without an image, beyond the frame period, until a fault is reported: a scan ends within
+# 2 s, and takes the angles of a shorter pause again.
+_LOST_AFTER = 1.6
 
 
 class Capture:
