@@ -36,6 +36,9 @@ _QUERY_PERIOD_WAITING = 0.06  # short, while a command waits for a report
 # Seconds without a report after a query until the controller is lost. GRBL answers a query within
 # 20 ms, and the scan has to end within 2 s.
 _SILENCE_TIMEOUT = 1.0
+# ... while a laser is on: with one period before the silence and one behind it, the beam is off
+# within a second.
+_LIT_SILENCE_TIMEOUT = 0.65
 _START_TIMEOUT = 6.0  # seconds after a reset in which a banner is expected; boot loaders take 4
 _REPEATED_BANNER = 0.3  # seconds in which a second banner belongs to the same start
 _OUTPUT_DELAY = 1.0  # seconds; reports of outputs lag behind a command
@@ -116,7 +119,12 @@ class GrblMonitor:
             return False
         # of queries, not of the clock: a process that was stopped has not asked meanwhile
         first = self._first_unanswered
-        return first is not None and self._queried_at - first > _SILENCE_TIMEOUT
+        limit = _LIT_SILENCE_TIMEOUT if self._is_lit else _SILENCE_TIMEOUT
+        return first is not None and self._queried_at - first > limit
+
+    @property
+    def _is_lit(self) -> bool:
+        return any(self._lasers.values())
 
     @property
     def target_units(self) -> float:
@@ -155,7 +163,8 @@ class GrblMonitor:
         """Return whether a status query is due, and if so note it as sent: the caller sends it."""
         now = time.monotonic()
         with self._changed:
-            period = _QUERY_PERIOD_MOVING if self.moving else _QUERY_PERIOD_STANDING
+            is_active = self.moving or self._is_lit
+            period = _QUERY_PERIOD_MOVING if is_active else _QUERY_PERIOD_STANDING
             period = _QUERY_PERIOD_WAITING if self._waiting else period
             if not self._started or self._homing or now - self._queried_at < period:
                 return False
