@@ -26,19 +26,10 @@ from ivfmc_ros.devices.grbl.dialects import DIALECTS
 from ivfmc_ros.devices.grbl.dialects import MAX_RATE
 from ivfmc_ros.devices.grbl.dialects import REPORT_INCHES
 from ivfmc_ros.devices.grbl.setting_readings import SettingReadings
+from ivfmc_ros.devices.grbl.status_queries import StatusQueries
 from ivfmc_ros.devices.motion.axis_units import AxisUnits
 from ivfmc_ros.devices.motion.trajectory import Trajectory
 
-# Seconds between status queries. GRBL's interface description allows 5 to 10 a second.
-_QUERY_PERIOD_MOVING = 0.125
-_QUERY_PERIOD_STANDING = 0.25
-_QUERY_PERIOD_WAITING = 0.06  # short, while a command waits for a report
-# Seconds without a report after a query until the controller is lost. GRBL answers a query within
-# 20 ms, and the scan has to end within 2 s.
-_SILENCE_TIMEOUT = 1.0
-# ... while a laser is on: with one period before the silence and one behind it, the beam is off
-# within a second.
-_LIT_SILENCE_TIMEOUT = 0.65
 _START_TIMEOUT = 6.0  # seconds after a reset in which a banner is expected; boot loaders take 4
 _REPEATED_BANNER = 0.3  # seconds in which a second banner belongs to the same start
 _OUTPUT_DELAY = 1.0  # seconds; reports of outputs lag behind a command
@@ -86,8 +77,7 @@ class GrblMonitor:
         self._lasers = dict.fromkeys(lasers, False)
         self._axis = AxisTracker(units, index)
         self._state = ''
-        self._queried_at, self._heard_at = 0.0, 0.0  # monotonic seconds
-        self._first_unanswered: float | None = None  # when the first query since then was sent
+        self._queries = StatusQueries()
         self._started = False
         self._start_expected_until = 0.0
         self._homing_until = 0.0
@@ -117,10 +107,7 @@ class GrblMonitor:
         """Whether a status query has stayed without report for too long."""
         if self.lost or not self._started or self._homing or self.alarm in _ALARMS_WITHOUT_REPORTS:
             return False
-        # of queries, not of the clock: a process that was stopped has not asked meanwhile
-        first = self._first_unanswered
-        limit = _LIT_SILENCE_TIMEOUT if self._is_lit else _SILENCE_TIMEOUT
-        return first is not None and self._queried_at - first > limit
+        return self._queries.are_silent(lit=self._is_lit)
 
     @property
     def _is_lit(self) -> bool:
@@ -163,15 +150,10 @@ class GrblMonitor:
         """Return whether a status query is due, and if so note it as sent: the caller sends it."""
         now = time.monotonic()
         with self._changed:
-            is_active = self.moving or self._is_lit
-            period = _QUERY_PERIOD_MOVING if is_active else _QUERY_PERIOD_STANDING
-            period = _QUERY_PERIOD_WAITING if self._waiting else period
-            if not self._started or self._homing or now - self._queried_at < period:
+            if not self._started or self._homing:
                 return False
-            self._queried_at = now
-            if self._first_unanswered is None:
-                self._first_unanswered = now
-            return True
+            is_active = self.moving or self._is_lit
+            return self._queries.due(now, waiting=self._waiting, active=is_active)
 
     # -- lines from the controller
 
@@ -188,7 +170,7 @@ class GrblMonitor:
             elif isinstance(line, protocol.Feedback):
                 self.identity[line.key] = line.value
             elif isinstance(line, protocol.StatusReport):
-                self._heard_at, self._first_unanswered = time.monotonic(), None
+                self._queries.hear(time.monotonic())
                 self._handle_report(line, received_at)
                 self._report_count += 1
             self._changed.notify_all()
@@ -206,7 +188,8 @@ class GrblMonitor:
             now = time.monotonic()
             expected = now < self._start_expected_until
             self._start_expected_until = min(self._start_expected_until, now + _REPEATED_BANNER)
-            self._started, self._heard_at, self._first_unanswered = True, now, None
+            self._started = True
+            self._queries.hear(now)
             self._axis.interrupt(now, keeps_position=True)
             self.set_lasers({})
             if not expected:
@@ -261,7 +244,8 @@ class GrblMonitor:
     def assume_started(self) -> None:
         """Note that the controller runs, though it sends no banner after a reset."""
         with self._changed:
-            self._started, self._first_unanswered = True, None
+            self._started = True
+            self._queries.forget()
             self._axis.interrupt(time.monotonic(), keeps_position=True)
             self.set_lasers({})
 
@@ -316,8 +300,7 @@ class GrblMonitor:
             yield
         finally:
             self._homing_until = 0.0
-            self._heard_at = self._queried_at = time.monotonic()
-            self._first_unanswered = None
+            self._queries.resume(time.monotonic())
 
     # -- waiting
 
@@ -329,13 +312,13 @@ class GrblMonitor:
         """Wait for the report to a query sent from now on; return whether it came."""
         with self._changed:
             # the report to an earlier query may arrive first
-            needed = self._report_count + 1 + (self._queried_at > self._heard_at)
+            needed = self._report_count + 1 + self._queries.are_unanswered
         return self._wait_for_query(lambda: self._report_count >= needed, seconds)
 
     def wait_for_position(self, seconds: float) -> bool:
         """Wait for a position that is reported from now on; return whether it came."""
         with self._changed:
-            needed = self._axis.positions + 1 + (self._queried_at > self._heard_at)
+            needed = self._axis.positions + 1 + self._queries.are_unanswered
         return self._wait_for_query(lambda: self._axis.positions >= needed, seconds)
 
     def _wait_for_query(self, condition: Callable[[], bool], seconds: float) -> bool:
@@ -371,7 +354,7 @@ class GrblMonitor:
         in_inches = self.settings.get(REPORT_INCHES)
         has_position = self._axis.update(
             report,
-            (self._queried_at, max(received_at, self._queried_at)),
+            (self._queries.queried_at, max(received_at, self._queries.queried_at)),
             waiting=self._waiting,
             in_inches=None if in_inches is None else bool(in_inches),
             max_rate=self.settings.get(MAX_RATE + self._units.index, 0.0) / 60,
