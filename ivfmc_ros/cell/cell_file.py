@@ -81,9 +81,11 @@ class CellDraft:
         return replace(self, lasers=tuple(lasers), covariance=None, created=None)
 
     def with_turntable(self, turntable: Turntable) -> 'CellDraft':
-        """Return the draft with the turntable set; its trigger is wiring, and stays."""
-        step = turntable.trigger_step or (self.turntable.trigger_step if self.turntable else 0.0)
-        turntable = replace(turntable, trigger_step=step)
+        """Return the draft with the turntable set; its joint and trigger are wiring, and stay."""
+        known = self.turntable
+        if known is not None:
+            step = turntable.trigger_step or known.trigger_step
+            turntable = replace(turntable, joint=known.joint, trigger_step=step)
         return replace(self, turntable=turntable, covariance=None, created=None)
 
     def with_notes(self, **notes: Any) -> 'CellDraft':

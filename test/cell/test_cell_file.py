@@ -267,10 +267,11 @@ def test_folder_that_is_missing_is_named(tmp_path):
         save_cell(tmp_path / 'none' / 'cell.yaml', small_cell())
 
 
-def test_new_turntable_keeps_the_trigger_which_is_wiring():
+def test_new_turntable_keeps_joint_and_trigger_which_are_wiring():
     table = small_cell().turntable
-    before = CellDraft(turntable=replace(table, trigger_step=0.01))
-    assert before.with_turntable(table).turntable.trigger_step == 0.01
+    before = CellDraft(turntable=replace(table, joint='axis_c', trigger_step=0.01))
+    after = before.with_turntable(table).turntable
+    assert (after.joint, after.trigger_step) == ('axis_c', 0.01)
     other = replace(table, trigger_step=0.02)
     assert before.with_turntable(other).turntable.trigger_step == 0.02
     assert CellDraft().with_turntable(table).turntable.trigger_step == 0.0

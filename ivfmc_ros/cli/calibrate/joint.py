@@ -94,6 +94,8 @@ def calibrate_all(
     """
     if not output.is_dir():
         raise FileError(f'{output}: the folder does not exist; make it first')
+    # what is wiring, and no calibration
+    known = options.load_or_new_draft(output / 'cell.yaml')
     pictures, place = list_picture_tree(folders), options.where(folders)
     words = dict(lasers) or {'laser': ('laser',)}
     settings = StepSettings(
@@ -103,7 +105,7 @@ def calibrate_all(
         found = sort_pictures(board, target, pictures, words, progress)
         steps = run_steps(board, target, found.sets, settings, where=place, progress=progress)
     result = calibrate_jointly(steps, thickness=thickness or 0.0, scale_u=scale_u, where=place)
-    written = _write(output, steps, result, found.unknown)
+    written = _write(output, steps, _draft(steps, result, known), result, found.unknown)
     options.print_result(
         'Joint calibration', _rows(result, steps), _warnings(result, steps), written, found.unknown
     )
@@ -120,7 +122,11 @@ def _warnings(result: JointCalibration, steps: SeparateSteps) -> list[str]:
 
 
 def _write(
-    output: Path, steps: SeparateSteps, result: JointCalibration, unknown: dict[str, str]
+    output: Path,
+    steps: SeparateSteps,
+    draft: CellDraft,
+    result: JointCalibration,
+    unknown: dict[str, str],
 ) -> list[Path]:
     camera_file, cell_file = output / 'camera.yaml', output / 'cell.yaml'
     camera, turntable = (
@@ -140,11 +146,12 @@ def _write(
     joint = options.output_files(cell_file, 'joint')[2]
     write_report(joint, joint_report(result, unknown))
     save_camera(camera_file, result.cell.camera)
-    save_draft(cell_file, _draft(steps, result))
+    save_draft(cell_file, draft)
     return [*written, joint]
 
 
-def _draft(steps: SeparateSteps, result: JointCalibration) -> CellDraft:
+def _draft(steps: SeparateSteps, result: JointCalibration, known: CellDraft) -> CellDraft:
+    """Return the calibrated cell, with joint, trigger and camera frame of the one before."""
     board = steps.camera.board
     note = {
         **board_document(board, result.adjusted.state.board_shape),
@@ -152,7 +159,8 @@ def _draft(steps: SeparateSteps, result: JointCalibration) -> CellDraft:
         'turntable_scale': f'the squares of {board}',
     }
     return CellDraft(
-        turntable=result.cell.turntable,
+        turntable=known.with_turntable(result.cell.turntable).turntable,
+        camera_frame=known.camera_frame,
         lasers=result.cell.lasers,
         notes={'board': note},
         covariance=result.cell.covariance,

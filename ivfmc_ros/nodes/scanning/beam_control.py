@@ -64,7 +64,7 @@ class BeamControl:
         since = await self._dark_since_ns()
         try:
             await self._until(
-                lambda: self._link.controller.dark_ns(self._scan_id) >= since,
+                lambda: self._link.diagnostics.dark_ns(self._scan_id) >= since,
                 _DARK_S,
                 'an image in which no laser shines',
                 _NO_DARK_IMAGE,

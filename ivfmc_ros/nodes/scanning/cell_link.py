@@ -19,7 +19,7 @@ from ivfmc_ros.errors import HelperError
 from ivfmc_ros.nodes.convert.stamps import nanoseconds
 from ivfmc_ros.nodes.framework.adaptive_subscription import AdaptiveSubscription
 from ivfmc_ros.nodes.framework.base import CellNode
-from ivfmc_ros.nodes.scanning.controller_watch import ControllerWatch
+from ivfmc_ros.nodes.scanning.diagnostics_watch import DiagnosticsWatch
 from ivfmc_ros.scan.clock_monitor import ClockMonitor
 from ivfmc_ros.scan.liveness import AttentiveClock
 from ivfmc_ros.scan.liveness import LivenessMonitor
@@ -54,7 +54,7 @@ class CellLink:
     clocks : jumps of the clocks since the start of the scan
     info_stamps_ns : stamps of all camera_info of the scan
     reports : last joint states of the table
-    controller : fault of the motion controller
+    diagnostics : faults that the nodes of the cell say
     lasers : whether each laser is on
     dark_since_ns : stamp since which all lasers are off; None while one is on
     last_image_ns : stamp of the last image
@@ -88,7 +88,7 @@ class CellLink:
         self._beam: str | None = None
         self._closed = False
         self._reports_since_command = 0
-        self.controller = ControllerWatch(node, self.watch.end)
+        self.diagnostics = DiagnosticsWatch(node, self.watch.end)
         self._hold = node.publish_on(Header, 'beam_hold')
         self._trajectory = node.publish_on(JointTrajectory, 'joint_trajectory')
         # of a scan only: in an idle cell every image would wake this node

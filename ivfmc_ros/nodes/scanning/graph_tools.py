@@ -139,7 +139,7 @@ class GraphTools:
             self._guard.needs_homing = False
 
     def _is_unlocked(self) -> bool:
-        return not self._link.controller.code
+        return not self._link.diagnostics.controller_code
 
     async def _working_volume(self) -> dict[str, float]:
         """Return the limits by which the mesher tells a rim that the volume cut."""
@@ -185,7 +185,7 @@ class GraphTools:
                 self._machine.raise_if_cancelled,
             )
         except TimeoutExceededError:
-            self._link.controller.require_ready()
+            self._link.diagnostics.require_ready()
             watch.require_alive(NEEDED)
             if not self._link.has_table():
                 raise HelperError(

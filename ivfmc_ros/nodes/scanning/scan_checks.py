@@ -43,7 +43,7 @@ class ScanChecks:
         headers = self._link.headers
         registered = outcome.registration.get('views', ())
         views = self._completeness.coverage(headers, registered)
-        cut = self._link.controller.part_cut(self._scan_id)
+        cut = self._link.diagnostics.part_cut(self._scan_id)
         outcome.completeness = {
             'part_cut': cut,
             'views': [view.as_dict() for view in views],

@@ -47,18 +47,18 @@ class ScanGuard:
     def __call__(self) -> None:
         """:raises ScanError: the scan cannot go on."""
         self._machine.raise_if_cancelled()
-        controller = self._link.controller
-        may_be_locked = self.needs_homing and controller.code in _UNLOCKED_BY_HOMING
+        diagnostics = self._link.diagnostics
+        may_be_locked = self.needs_homing and diagnostics.controller_code in _UNLOCKED_BY_HOMING
         if JOINTS in self.watched and not may_be_locked:
             # before the silence that it causes
-            controller.require_ready()
-        stuck = controller.laser_stuck(self._scan_id)
+            diagnostics.require_ready()
+        stuck = diagnostics.laser_stuck(self._scan_id)
         if stuck:
             raise HelperError(LASER_STUCK, stuck)
         self._link.watch.require_alive(self.watched)
         self._link.require_unique_profiles()
         if self.needs_images:
-            controller.require_images()
+            diagnostics.require_images()
             self._link.clocks.require_no_jump()
         if self.recording:
             # before a write fails

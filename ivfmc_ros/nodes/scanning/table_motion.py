@@ -58,7 +58,7 @@ class TableMotion:
         fault = self._check.update(report.position)
         if fault:
             self._link.hold(None)
-            cause = self._link.controller.message
+            cause = self._link.diagnostics.controller_message
             raise HelperError(
                 'MOTION_FAILED',
                 f'{fault}, commanded to {math.degrees(self._position):.2f} degrees'

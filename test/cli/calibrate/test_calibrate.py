@@ -1,5 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
 import json
 import math
 
@@ -10,6 +11,7 @@ import pytest
 from ivfmc_ros.calibration.boards.board import parse_board
 from ivfmc_ros.cell.camera_file import load_camera
 from ivfmc_ros.cell.camera_file import save_camera
+from ivfmc_ros.cell.cell_file import CellDraft
 from ivfmc_ros.cell.cell_file import load_draft
 from ivfmc_ros.cell.cell_file import save_cell
 from ivfmc_ros.cell.cell_file import save_draft
@@ -100,6 +102,8 @@ def test_rendered_cell_is_calibrated_from_pictures(run, pictures, tmp_path):
 @pytest.mark.slow
 def test_folder_of_all_kinds_is_calibrated_together(run, pictures, tmp_path):
     (tmp_path / 'out').mkdir()
+    wired = replace(small_cell().turntable, joint='axis_c', trigger_step=0.01)
+    save_draft(tmp_path / 'out' / 'cell.yaml', CellDraft(turntable=wired, camera_frame='eye'))
     words = ('--board', CHESSBOARD, '--platter', CHARUCO, '--board-u', '0.02%', '-o', 'out')
     code, written = run(pictures, *words)
     assert code == 0, written.err
@@ -111,6 +115,9 @@ def test_folder_of_all_kinds_is_calibrated_together(run, pictures, tmp_path):
     true = cell.turntable.camera_from_base
     assert np.linalg.norm(found.turntable.camera_from_base[:3, 3] - true[:3, 3]) < 1e-3
     assert np.degrees(np.arccos(found.lasers[0].normal @ cell.lasers[0].normal)) < 0.3
+    # wiring, which no picture shows
+    assert (found.turntable.joint, found.turntable.trigger_step) == ('axis_c', 0.01)
+    assert found.camera_frame == 'eye'
     assert found.covariance.scale_u == pytest.approx(2e-4)
     assert camera.covariance.shape == (9, 9)
     report = json.loads((tmp_path / 'out' / 'cell.joint.report.json').read_text())

@@ -19,7 +19,7 @@ class FakeCell:
         self.publishers, self.stuck = publishers, stuck
         self.headers = {0: None}
         self.dark_since_ns = SWITCHED_OFF_NS
-        self.controller = SimpleNamespace(dark_ns=lambda scan_id: dark_ns)
+        self.diagnostics = SimpleNamespace(dark_ns=lambda scan_id: dark_ns)
         self.waits = 0
 
     def count_publishers(self, topic):

@@ -12,13 +12,13 @@ from ivfmc_ros.nodes.framework import qos
 from ivfmc_ros.nodes.framework.base import CellNode
 
 
-class ControllerWatch:
+class DiagnosticsWatch:
     """
     Reads the diagnostics of our nodes and of ``ivfmc up`` in a namespace.
 
-    code : CONTROLLER_ALARM, CONTROLLER_LOST or POSITION_LOST; '' without a fault, or where another
-        driver moves the table
-    message : of the diagnostics when they were not OK, '' otherwise
+    controller_code : CONTROLLER_ALARM, CONTROLLER_LOST or POSITION_LOST; '' without a fault, or
+        where another driver moves the table
+    controller_message : of the turntable's diagnostics when they were not OK, '' otherwise
     """
 
     def __init__(
@@ -27,7 +27,7 @@ class ControllerWatch:
         """``on_end`` : called with the name of a node that ``up`` saw end, and what it says."""
         self._on_end = on_end
         self._up = f'{node.get_namespace()}/up'.lstrip('/')
-        self.code, self.message = '', ''
+        self.controller_code, self.controller_message = '', ''
         # how the working volume cuts the part, by the id of the scan
         self._cuts: dict[str, str] = {}
         # the laser that shines although it is off, by the id of the scan
@@ -35,7 +35,7 @@ class ControllerWatch:
         self._dark_ns: dict[str, int] = {}
         self._table_fault = self._camera_fault = ''
         self._camera = f'{node.get_namespace()}/camera'.lstrip('/')
-        self._name = f'{node.get_namespace()}/turntable'.lstrip('/')
+        self._turntable = f'{node.get_namespace()}/turntable'.lstrip('/')
         self._triangulator = f'{node.get_namespace()}/triangulator'.lstrip('/')
         self._subscription = node.create_subscription(
             DiagnosticArray,
@@ -46,8 +46,8 @@ class ControllerWatch:
 
     def require_ready(self) -> None:
         """:raises HelperError: the controller has a fault, or the joint has two publishers."""
-        if self.code:
-            raise HelperError(self.code, f'turntable: {self.message}')
+        if self.controller_code:
+            raise HelperError(self.controller_code, f'turntable: {self.controller_message}')
         if self._table_fault:
             raise HelperError('JOINT_CONTRADICTORY', self._table_fault)
 
@@ -70,11 +70,12 @@ class ControllerWatch:
 
     def _receive(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.name == self._name:
+            if status.name == self._turntable:
                 values = {value.key: value.value for value in status.values}
-                self.code = values.get('code', '')
+                self.controller_code = values.get('code', '')
                 is_ok = status.level == DiagnosticStatus.OK
-                self.message = '' if is_ok and not self.code else status.message
+                is_fine = is_ok and not self.controller_code
+                self.controller_message = '' if is_fine else status.message
             if status.name == self._camera:
                 values = {value.key: value.value for value in status.values}
                 self._camera_fault = values.get('fault', '')

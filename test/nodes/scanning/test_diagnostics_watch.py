@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import KeyValue
 import pytest
 
 from ivfmc_ros.errors import HelperError
-from ivfmc_ros.nodes.scanning.controller_watch import ControllerWatch
+from ivfmc_ros.nodes.scanning.diagnostics_watch import DiagnosticsWatch
 from ivfmc_ros.nodes.scanning.scan_guard import ScanGuard
 
 
@@ -19,7 +19,7 @@ def watch():
         guarded=lambda callback, name: callback,
         create_subscription=lambda *_: None,
     )
-    return ControllerWatch(node)
+    return DiagnosticsWatch(node)
 
 
 def say(watch, fault, name='ivfmc/camera'):
@@ -30,7 +30,7 @@ def say(watch, fault, name='ivfmc/camera'):
 def guard(watch):
     """A guard of a scan in which everything else is well."""
     link = SimpleNamespace(
-        controller=watch,
+        diagnostics=watch,
         watch=SimpleNamespace(require_alive=lambda names: None),
         clocks=SimpleNamespace(require_no_jump=lambda: None),
         require_unique_profiles=lambda: None,
