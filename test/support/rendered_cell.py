@@ -103,7 +103,7 @@ class RenderedCell:
         self._matcher = FrameMatcher(LASERS, MatchSettings(exposure=_EXPOSURE_S))
         # nothing cuts the part
         watch = SimpleNamespace(part_cut=lambda _: '')
-        self._link = SimpleNamespace(headers={}, info_stamps_ns=[], controller=watch)
+        self._link = SimpleNamespace(headers={}, info_stamps_ns=[], diagnostics=watch)
         self._checks = ScanChecks(self._link, plan, motion, CompletenessLimits(), '')  # type: ignore[arg-type]
         self.registered: worker_jobs.RegisteredViews | None = None
 
