@@ -32,7 +32,7 @@ help:
 	@echo 'make test    linters, types, documentation and tests; make test-slow: the longest ones'
 	@echo 'make demo    scan the demo part in a simulated cell into build/demo'
 	@echo 'make bench   measure figures into build/bench; NAME=stripe: one group'
-	@echo 'make faults  cause faults in scans and in a cell of real processes; an hour and a half'
+	@echo 'make faults  cause faults in scans and in a cell of real processes; nearly two hours'
 	@echo 'make soak    200 short scans in a row: memory, files and threads that a scan leaves'
 	@echo 'make docs    build the documentation into build/docs'
 	@echo 'make reference, make figures, make pictures'

@@ -209,7 +209,7 @@ def _say(row: Sequence[str]) -> None:
 
 
 def _write(name: str, head: Sequence[str], rows: Sequence[Sequence[str]], cell: FaultCell) -> None:
-    """Write a table after each row: a run takes an hour and a half, and may be ended."""
+    """Write a table after each row: a run takes nearly two hours, and may be ended."""
     TABLES.mkdir(parents=True, exist_ok=True)
     path = TABLES / f'{name}{"_homing" * cell.home_switch}.json'
     write_text(path, json.dumps([list(head), *rows], indent=1) + '\n')

@@ -16,8 +16,8 @@ from ivfmc_ros.errors import DeviceError
 
 _RETRY_PERIOD = 1.0  # seconds between attempts to open the camera
 _GRAB_TIMEOUT = 0.2  # seconds; also the longest time that stop() waits for the thread
-# Seconds without an image, beyond the frame period, until a fault is reported: a scan ends within
-# 2 s, and takes the angles of a shorter pause again.
+# Seconds without an image, beyond the frame period, until a fault is reported: it ends a scan some
+# 2 s after the last image. The angles of a shorter pause are taken again.
 _LOST_AFTER = 1.6
 
 
