@@ -105,6 +105,11 @@ class MotionCheck:
             return f'the table stands at {math.degrees(position):.2f} degrees'
         return ''
 
+    @property
+    def waited_s(self) -> float:
+        """Seconds for which the table has not begun to move; 0 when it has."""
+        return 0.0 if self._begun else self._elapsed_s
+
     def _distance_off_course(self, position: float) -> float:
         low, high = sorted((self._start, self._target))
         return max(low - position, position - high, 0.0)

@@ -8,12 +8,15 @@ are those of the sources for Jazzy (4.42.1). The axis follows its command exactl
 counts, and no velocity interface.
 """
 
+from itertools import pairwise
 import math
 
 import numpy as np
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
+from ivfmc_ros.devices.motion.trajectory import Segment
+from ivfmc_ros.devices.motion.trajectory import Trajectory
 from ivfmc_ros.nodes.convert.stamps import header
 
 JOINT = 'turntable_joint'
@@ -21,6 +24,8 @@ JOINT = 'turntable_joint'
 JOINTS = ('lift_joint', JOINT, 'gripper_joint')
 # Counts of a turn of a 17-bit encoder.
 COUNTS = 2**17
+# Pieces of constant acceleration of a spline; half a turn is off by 1e-6 rad then.
+_PIECES = 100
 
 
 class ForeignAxis:
@@ -62,6 +67,18 @@ class ForeignAxis:
         seconds = point.time_from_start.sec + point.time_from_start.nanosec * 1e-9
         self._start = (now_s, *self._state_at(now_s))
         self._target = now_s + seconds, point.positions[index], 0.0
+
+    def trajectory(self) -> Trajectory:
+        """Return the motion since the last command, the spline in pieces; rad and seconds."""
+        begin, end = self._start[0], self._target[0]
+        times = np.linspace(begin, end, _PIECES + 1).tolist()
+        states = [self._state_at(second) for second in times]
+        pieces = [
+            Segment(time=t, position=p, velocity=v, acceleration=(w - v) / (u - t))
+            for (t, u), ((p, v), (_, w)) in zip(pairwise(times), pairwise(states), strict=True)
+            if u > t
+        ]
+        return (*pieces, Segment(time=end, position=self._target[1]))
 
     def joint_states(self, now_s: float) -> JointState:
         """Return the message of one update: stamped by it, the hardware was read just before."""

@@ -175,6 +175,8 @@ _ERROR_TEXTS = {
 _ERROR_ID = re.compile(r'Invalid gcode ID:(\d{1,3})')
 # Fields of GRBL 1.1; in another one, the letters of the pins may have lost their key.
 _FIELD = re.compile(r'(MPos|WPos|WCO|Bf|Ln|F|FS|Pn|Ov|A):([\w.,-]+)')
+# Fields of grblHAL and FluidNC; a lost character makes none of them of the pins.
+_FURTHER_FIELD = re.compile(r'(?:A|AR|D|DTG|FW|H|In|MPG|S|SD|Sc|T|TLR|WCS):[^|<>:]*|P:\d+|AR')
 _BOOLEANS = {'true': 1.0, 'false': 0.0}
 _LINES: tuple[tuple[re.Pattern[str], Callable[[re.Match[str]], Line]], ...] = (
     (re.compile(r'ok'), lambda match: Response()),
@@ -273,7 +275,8 @@ def _parse_report(text: str) -> StatusReport | None:
 
 def _pins(fields: list[str]) -> str | None:
     """Return the letters of the inputs that are active; GRBL omits the field if none is."""
-    matches = [_FIELD.fullmatch(field) for field in fields]
+    known = [field for field in fields if not _FURTHER_FIELD.fullmatch(field)]
+    matches = [_FIELD.fullmatch(field) for field in known]
     if None in matches:
         return None
     return next((match[2] for match in matches if match and match[1] == 'Pn'), '')

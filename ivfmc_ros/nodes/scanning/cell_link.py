@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Duration
+from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import PointCloud2
@@ -177,6 +178,11 @@ class CellLink:
     def has_table(self) -> bool:
         """Return whether joint_trajectory has a subscription."""
         return bool(self._node.count_subscribers(self._trajectory.topic_name))
+
+    def may_lose_commands(self) -> bool:
+        """Return whether the driver of the table subscribes its commands best effort."""
+        found = self._node.get_subscriptions_info_by_topic(self._trajectory.topic_name)
+        return any(info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for info in found)
 
     def stands_at(self, position: float, tolerance: float) -> bool:
         """

@@ -12,6 +12,8 @@ from ivfmc_ros.scan.plan import MotionLimits
 
 # Fraction of the tolerance within which a standing table needs no move.
 _NO_MOVE = 0.1
+# Seconds without a motion after which a command is repeated; MotionCheck waits 2 s for its begin.
+_AGAIN_S = 0.6
 
 
 class TableMotion:
@@ -35,6 +37,7 @@ class TableMotion:
         self.seconds = limits.seconds(position - start, velocity)
         self._link, self._position = link, position
         self._last: JointReport | None = None
+        self._repeats = 0
         self._check = MotionCheck(
             start=start, target=position, velocity=velocity, tolerance=tolerance
         )
@@ -55,6 +58,7 @@ class TableMotion:
         if report is None or report is self._last:
             return False
         self._last = report
+        self._command_again()
         fault = self._check.update(report.position)
         if fault:
             self._link.hold(None)
@@ -65,3 +69,10 @@ class TableMotion:
                 + (f'; turntable: {cause}' if cause else ''),
             )
         return False
+
+    def _command_again(self) -> None:
+        """Send the command again where the middleware may have lost it."""
+        due_s = (self._repeats + 1) * _AGAIN_S
+        if self._check.waited_s > due_s and self._link.may_lose_commands():
+            self._repeats += 1
+            self._link.command(self._position, self.seconds)

@@ -18,7 +18,8 @@ _CAPACITY = 4096  # records of each ring; the oldest are overwritten
 _RECORD_SIZE = 4  # numbers per record
 # numbers: magic, version, counts of segments, laser changes, triggers, 3 unused
 _HEADER_SIZE = 8
-_MAX_RETRIES = 1000  # a write takes microseconds
+_MAX_RETRIES = 1000  # a write takes microseconds, but its process may lose the processor in it
+_RETRY_S = 0.001
 _RINGS = 3
 _FILE_SIZE = _HEADER_SIZE + _RINGS * _CAPACITY * _RECORD_SIZE  # numbers
 
@@ -132,6 +133,7 @@ class TruthReader:
             rows = np.array(rows)
             if version % 2 == 0 and version == self._file.header[1]:
                 return rows
+            time.sleep(_RETRY_S)
         raise FileError(
             'the truth file of the simulated cell changes during each attempt to read it'
         )

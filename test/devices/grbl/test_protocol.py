@@ -94,11 +94,13 @@ MM = (3, 3, 3)
         # grblHAL of August 2026, FluidNC with a rotary axis and inches, GRBL 0.9j, Horus
         (
             '<Idle|MPos:0.000,0.000,0.000|Bf:100,1023|FS:0,0|Ov:100,100,100|A:|TLR:0>',
-            StatusReport(state='Idle', machine=(0.0, 0.0, 0.0), outputs='', decimals=MM),
+            StatusReport(state='Idle', machine=(0.0, 0.0, 0.0), outputs='', decimals=MM, pins=''),
         ),
         (
             '<Tool|MPos:0.000,0.000,0.000|WCS:G54|A:ST|Sc:|MPG:0|H:0|T:0|P:0|FW:grblHAL>',
-            StatusReport(state='Tool', machine=(0.0, 0.0, 0.0), outputs='ST', decimals=MM),
+            StatusReport(
+                state='Tool', machine=(0.0, 0.0, 0.0), outputs='ST', decimals=MM, pins=''
+            ),
         ),
         (
             '<Run|MPos:0.0000,0.0000,0.0000,90.000|FS:1,0>',
@@ -120,6 +122,12 @@ MM = (3, 3, 3)
 )
 def test_lines_of_grbl_are_parsed(text, line):
     assert parse(text) == line
+
+
+@pytest.mark.parametrize('field', ['P:X', 'n:X', 'PnX', 'P:XYZ', 'nX', '0,0Pn:X'])
+def test_pins_of_a_damaged_field_are_unknown(field):
+    report = parse(f'<Run|MPos:0.000,0.000,0.000|FS:0,0|T:1|{field}>')
+    assert report is None or report.pins is None
 
 
 @pytest.mark.parametrize(
