@@ -9,6 +9,7 @@ Aravis has no wheel: it is a library of the system with introspection (on Debian
 
 from dataclasses import dataclass
 import importlib
+import threading
 import time
 from typing import Any
 
@@ -77,6 +78,8 @@ class AravisCamera:
         self._clock = ClockFit()
         self._exposure_changed = False
         self._is_triggered = False
+        # of the present connection; set by a thread of Aravis
+        self._is_lost = threading.Event()
         self.warning = ''
 
     def open(self) -> None:
@@ -89,6 +92,9 @@ class AravisCamera:
         self._library = load_aravis()
         name = self._settings.device or 'the first camera'
         try:
+            # on a computer with several networks, a GigE camera that is opened without it may
+            # send its images to an address of another one
+            self._library.update_device_list()
             self._camera = self._library.Camera.new(self._settings.device or None)
         except Exception as error:  # of GLib, which has no class that could be named here
             raise CameraLostError(f'camera {name}: cannot be opened: {error}') from error
@@ -113,6 +119,8 @@ class AravisCamera:
         """
         if self._stream is None:
             raise CameraLostError('camera: is not open')
+        if self._is_lost.is_set():
+            raise CameraLostError('camera: does not answer any more; is it unplugged?')
         if self._exposure_changed:
             self._apply_exposure()
             self._switch_trigger()
@@ -137,7 +145,8 @@ class AravisCamera:
     def close(self) -> None:
         """Release the camera."""
         camera, self._camera, self._stream = self._camera, None, None
-        if camera is not None:
+        # one that is gone is not waited for: each request to it takes seconds
+        if camera is not None and not self._is_lost.is_set():
             try:
                 camera.stop_acquisition()
             except Exception:  # of GLib: the camera is gone, which is what close is for
@@ -229,6 +238,8 @@ class AravisCamera:
 
     def _start(self) -> None:
         settings, camera = self._settings, self._camera
+        lost = self._is_lost = threading.Event()
+        camera.get_device().connect('control-lost', lambda *_: lost.set())
         self._apply_trigger()
         if camera.is_gv_device():
             if settings.packet_size:

@@ -12,6 +12,7 @@ from ivfmc_ros.devices.cameras.device import CameraDevice
 from ivfmc_ros.devices.cameras.device import CameraImage
 from ivfmc_ros.devices.cameras.device import Exposure
 from ivfmc_ros.devices.cameras.frame_watch import FrameWatch
+from ivfmc_ros.errors import CameraLostError
 from ivfmc_ros.errors import DeviceError
 
 _RETRY_PERIOD = 1.0  # seconds between attempts to open the camera
@@ -19,6 +20,8 @@ _GRAB_TIMEOUT = 0.2  # seconds; also the longest time that stop() waits for the 
 # Seconds without an image, beyond the frame period, until a fault is reported: it ends a scan some
 # 2 s after the last image. The angles of a shorter pause are taken again.
 _LOST_AFTER = 1.6
+# Seconds without an image, beyond the frame period, after which the camera is opened again.
+_REOPENED_AFTER = 6.0
 
 
 class Capture:
@@ -39,7 +42,8 @@ class Capture:
         """
         Make a capture that does not run.
 
-        watched : whether equal images are a frozen camera; files may well be equal
+        watched : whether equal images are a frozen camera, and one that is silent for long is
+            opened again; files may well be equal, and end
         """
         self._camera, self._exposure, self._deliver = camera, exposure, deliver
         self._watch = FrameWatch() if watched else None
@@ -116,6 +120,8 @@ class Capture:
                 if exposure.triggered:
                     # a table that stands triggers none, and the camera is open
                     self._last_s, self._fault = now, '' if watch is None else watch.fault
+                elif watch is not None and now - (self._last_s or now) > period + _REOPENED_AFTER:
+                    raise CameraLostError('the camera delivers no images; it is opened again')
                 continue
             self._last_s, self._fault = now, '' if watch is None else watch.fault
             self.image_count += 1

@@ -2,6 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """GenICam cameras, against the fake camera that Aravis has inside."""
 
+from contextlib import contextmanager
+from contextlib import suppress
+from dataclasses import replace
+import shutil
+import subprocess
 import sys
 import time
 
@@ -16,6 +21,9 @@ from ivfmc_ros.errors import ParameterError
 
 # Where Debian has gi, which a virtual environment does not see by itself.
 SYSTEM = '/usr/lib/python3/dist-packages'
+# Of the GigE camera, and its settings.
+SERIAL = 'IVFMC1'
+FREE = Exposure(frame_rate=25.0)
 
 
 @pytest.fixture(scope='module')
@@ -140,3 +148,74 @@ def test_trigger_is_switched_between_acquisitions_and_only_when_it_changes():
 def test_camera_that_refuses_the_trigger_is_an_error():
     with pytest.raises(CameraLostError, match='trigger Line1: TriggerMode is not writable'):
         switched(True, locked=True)
+
+
+@contextmanager
+def gige_camera():
+    """A GigE Vision camera on the loopback: a process of Aravis."""
+    program = shutil.which('arv-fake-gv-camera-0.8')
+    if program is None:
+        pytest.skip('needs the fake camera of Aravis: apt-get install aravis-tools')
+    process = subprocess.Popen([program, '-i', '127.0.0.1', '-s', SERIAL])
+    # a look that finds it while it starts may take it for one on another network
+    time.sleep(1.0)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def opened(aravis, **settings):
+    """A camera of the process, which is found within seconds."""
+    # whole images lose packets on a busy computer
+    values = {'device': f'Aravis-Fake-{SERIAL}', 'region': (0, 0, 256, 128), **settings}
+    camera = AravisCamera(AravisSettings(**values), FREE)
+    open_patiently(camera)
+    return camera
+
+
+def open_patiently(camera):
+    """Open a camera whose process has just been started."""
+    for _ in range(20):
+        with suppress(CameraLostError):
+            return camera.open()
+        time.sleep(0.2)
+    return camera.open()
+
+
+def images_within(camera, seconds):
+    end = time.monotonic() + seconds
+    count = 0
+    while time.monotonic() < end:
+        count += camera.grab(0.1) is not None
+    return count
+
+
+def test_gige_camera_waits_for_triggers_while_it_is_told_to(aravis):
+    with gige_camera():
+        camera = opened(aravis, trigger='Software')
+        assert images_within(camera, 1.0) > 5
+        camera.set_exposure(replace(FREE, triggered=True))
+        images_within(camera, 0.5)
+        assert images_within(camera, 1.0) == 0
+        camera.set_exposure(FREE)
+        images_within(camera, 0.5)
+        assert images_within(camera, 1.0) > 5
+        camera.close()
+
+
+def test_gige_camera_that_is_gone_is_lost_and_comes_back(aravis):
+    with gige_camera() as process:
+        camera = opened(aravis)
+        grab(camera)
+        process.kill()
+        process.wait()
+        # Aravis gives up after some attempts of a second each
+        with pytest.raises(CameraLostError, match='does not answer'):
+            images_within(camera, 15.0)
+        camera.close()
+    with gige_camera():
+        open_patiently(camera)
+        grab(camera)
+        camera.close()

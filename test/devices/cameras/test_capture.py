@@ -57,6 +57,24 @@ def test_lost_camera_is_closed_and_opened_again():
     assert capture.image_count >= 3
 
 
+@pytest.mark.parametrize('watched', [True, False])
+def test_silent_camera_is_opened_again_but_a_folder_may_end(monkeypatch, watched):
+    class SilentCamera(FragileCamera):
+        def grab(self, timeout):
+            time.sleep(0.01)
+
+    monkeypatch.setattr(capture_module, '_REOPENED_AFTER', 0.1)
+    monkeypatch.setattr(capture_module, '_RETRY_PERIOD', 0.01)
+    camera = SilentCamera()
+    capture = Capture(camera, Exposure(frame_rate=100.0), print, watched=watched)
+    capture.start()
+    deadline = time.monotonic() + (5.0 if watched else 0.5)
+    while camera.opened < 3 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    capture.stop()
+    assert (camera.opened >= 3) == watched
+
+
 def test_image_that_cannot_be_delivered_is_a_fault_and_capture_continues():
     camera, pictures = FragileCamera(), []
 
