@@ -88,6 +88,12 @@ class ControllerState:
     firmware: str = ''
     index_mark: str = ''
 
+    @property
+    def active_laser(self) -> str | None:
+        """The name of the laser that is on; '' if several are, None if none is."""
+        on = [name for name, is_on in self.lasers.items() if is_on]
+        return None if not on else on[0] if len(on) == 1 else ''
+
 
 @dataclass(frozen=True, kw_only=True)
 class AxisLimits:

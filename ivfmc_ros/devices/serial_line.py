@@ -5,6 +5,7 @@
 from collections.abc import Callable
 import contextlib
 import errno
+import select
 import termios
 import threading
 import time
@@ -121,8 +122,13 @@ class SerialLine:
 
     def _read_lines(self, port: serial.Serial | None) -> None:
         partial, started = self.unfinished, time.monotonic()
+        poller, handle = select.poll(), self.handle
+        if handle is not None:
+            poller.register(handle, select.POLLIN)
         while port is not None and not self._closing.is_set():
-            data = port.read(max(1, port.in_waiting))
+            # cheaper than the wait of pyserial, which most of the calls would end without bytes
+            is_readable = handle is None or poller.poll(_READ_TIMEOUT * 1000)
+            data = port.read(max(1, port.in_waiting)) if is_readable else b''
             now = time.monotonic()
             started = started if partial else now
             *lines, partial = (partial + data).split(b'\n')

@@ -23,6 +23,8 @@ from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import StoppedError
 
 _INTERLOCK_PERIOD = 0.02  # seconds between evaluations of the interlock
+# ... while no laser is on or wanted, and the table stands; a request is evaluated at once
+_REST_PERIOD = 0.1
 _RETRY_PERIOD = 2.0  # seconds between attempts to stop a controller that failed to
 # Seconds from a failed attempt to connect to the next one: the pause doubles each time.
 _FIRST_DELAY, _MAX_DELAY = 0.5, 5.0
@@ -38,9 +40,10 @@ class TurntableDriver:
     """
     Connects to a motion controller, and switches its lasers as the interlock decides.
 
-    Three threads: the watchdog evaluates the interlock 50 times a second, connects, and stops a
-    moving table whose laser must go off; the switching thread turns lasers on and off, which on
-    many controllers blocks until a motion has ended; the motion thread sends moves.
+    Three threads: the watchdog evaluates the interlock 50 times a second (10 times while the cell
+    is dark and stands), connects, and stops a moving table whose laser must go off; the switching
+    thread turns lasers on and off, which on many controllers blocks until a motion has ended; the
+    motion thread sends moves.
 
     fault : why the controller cannot be reached or did not switch a laser, '' if there is none
     rejection : why the controller did not accept the last move, '' if it did
@@ -162,6 +165,8 @@ class TurntableDriver:
         """
         self._interlock.end_manual()
         self._wait_for_laser_off()
+        if self._guard is not None:
+            self._guard.announce()
         limits = self._controller.limits()
         speed = min(self._velocity, limits.velocity)
         distance = abs(position - self._controller.poll().position)
@@ -174,7 +179,7 @@ class TurntableDriver:
         end = time.monotonic() + _LASER_OFF_TIMEOUT
         while self._interlock.decide().laser is None and time.monotonic() < end:
             state = self._controller.poll()
-            if state.moving or state.alarm is not None or active_laser(state) is None:
+            if state.moving or state.alarm is not None or state.active_laser is None:
                 return
             self._closing.wait(_POLL_PERIOD)
 
@@ -241,6 +246,7 @@ class TurntableDriver:
         laser = self._interlock.decide().laser
         with self._laser_wanted:
             self._wanted_laser = laser
+        self._interlock_changed.set()
         self._set_laser(laser)
 
     # -- threads
@@ -255,9 +261,9 @@ class TurntableDriver:
                 self._closing.wait(_INTERLOCK_PERIOD)
 
     def _run_watchdog(self) -> None:
-        retry_at = 0.0
+        retry_at, period = 0.0, _INTERLOCK_PERIOD
         while not self._closing.is_set():
-            self._interlock_changed.wait(_INTERLOCK_PERIOD)
+            self._interlock_changed.wait(period)
             self._interlock_changed.clear()
             now = time.monotonic()
             self._alive_until = now + _WATCHDOG_TIME
@@ -273,7 +279,10 @@ class TurntableDriver:
             beam, state = self._interlock.decide(), self._controller.poll()
             with self._laser_wanted:
                 self._wanted_laser = beam.laser
-                self._laser_wanted.notify_all()
+                if beam.laser != state.active_laser:
+                    self._laser_wanted.notify_all()
+            is_dark = beam.laser is None and not any(state.lasers.values())
+            period = _REST_PERIOD if is_dark and not state.moving else _INTERLOCK_PERIOD
             if self._must_stop(beam, state) and now >= retry_at:
                 if state.alarm is None:
                     self._interlock.interrupt()
@@ -356,7 +365,7 @@ class TurntableDriver:
     def _run_motion(self) -> None:
         while not self._closing.is_set():
             with self._target_changed:
-                self._target_changed.wait_for(lambda: self._target is not None, _INTERLOCK_PERIOD)
+                self._target_changed.wait_for(lambda: self._target is not None, _REST_PERIOD)
                 target, self._target = self._target, None
             if target is None:
                 continue
@@ -369,13 +378,14 @@ class TurntableDriver:
     def _run_switching(self) -> None:
         while not self._closing.is_set():
             with self._laser_wanted:
-                self._laser_wanted.wait(_INTERLOCK_PERIOD)
-                wanted = self._wanted_laser
-            state = self._controller.poll()
-            # a controller switches at the end of a motion; until then another may be wanted
-            ready = self._connected and state.alarm is None and not state.moving
-            if not ready or wanted == active_laser(state):
-                continue
+                wanted, state = self._wanted_laser, self._controller.poll()
+                is_switched = wanted == state.active_laser
+                # a controller switches at the end of a motion; until then another may be wanted
+                ready = self._connected and state.alarm is None and not state.moving
+                if is_switched or not ready:
+                    # the watchdog notifies where the lasers are not as wanted
+                    self._laser_wanted.wait(_REST_PERIOD if is_switched else _INTERLOCK_PERIOD)
+                    continue
             try:
                 self._set_laser(wanted)
                 self.fault = ''
@@ -388,9 +398,3 @@ class TurntableDriver:
                     with contextlib.suppress(DeviceError):
                         self._controller.stop()
                 self._closing.wait(_INTERLOCK_PERIOD)
-
-
-def active_laser(state: ControllerState) -> str | None:
-    """Return the name of the laser that is on; '' if several are, None if none is."""
-    on = [name for name, is_on in state.lasers.items() if is_on]
-    return None if not on else on[0] if len(on) == 1 else ''

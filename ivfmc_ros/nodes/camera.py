@@ -37,7 +37,6 @@ from ivfmc_ros.nodes.framework.base import run
 from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.nodes.framework.health import WAITING
 from ivfmc_ros.nodes.framework.json_response import describe
-from ivfmc_ros.nodes.framework.life import HEARTBEAT_S
 from ivfmc_ros.nodes.framework.lifecycle import LifecycleCellNode
 from ivfmc_ros.storage.messages.camera_info import to_camera
 
@@ -68,7 +67,6 @@ class CameraNode(LifecycleCellNode):
         self._infos = self.publish_on(CameraInfo, 'camera_info')
         self.create_service(SetCameraInfo, '~/set_camera_info', self._set_camera_info)
         self._reported_fault = ''
-        self.steady_timer(HEARTBEAT_S, self._report_new_fault)
 
     def on_configure(self, state: LifecycleState) -> None:
         """Load the calibration, and check the parameters of the backend."""
@@ -85,6 +83,7 @@ class CameraNode(LifecycleCellNode):
             self._publish,
             # images of a folder may well be equal
             watched=self.get('backend') != 'folder',
+            wanted=self._has_subscriptions,
         )
         self._not_opened = self._capture.fault
         self._capture.start()
@@ -111,8 +110,8 @@ class CameraNode(LifecycleCellNode):
             activity = '' if capture.fault else 'publishing images'
             self.status(activity, pictures=capture.image_count, fault=fault, **capture.counts)
 
-    def _report_new_fault(self) -> None:
-        # a scan has to end at once; the next diagnostics may be a second away
+    def on_beat(self) -> None:
+        """Publish a new fault: a scan has to end at once, the next diagnostics are later."""
         if self._fault() != self._reported_fault:
             self.publish_diagnostics()
 
@@ -244,6 +243,10 @@ class CameraNode(LifecycleCellNode):
         if self._capture is not None and names & set(_EXPOSURE):
             self._capture.set_exposure(self._exposure())
 
+    def _has_subscriptions(self) -> bool:
+        publishers = (self._images, self._infos)
+        return any(publisher.get_subscription_count() for publisher in publishers)
+
     def _publish(self, picture: CameraImage) -> None:
         frame_id = self.get('frame_id')
         # a message of 1.3 MB is made only for a subscriber
@@ -260,6 +263,8 @@ class CameraNode(LifecycleCellNode):
                 self._mismatch = str(error)
                 return
         self._mismatch = ''
+        if not self._infos.get_subscription_count():
+            return
         info = camera_info(calibration, width, height)
         if calibration is not None and region is not None:
             info = with_region(info, calibration, region, self.get('binning'))

@@ -52,7 +52,7 @@ class Mesher(CellNode):
     def __init__(self) -> None:
         super().__init__('mesher')
         self._settings = self._declare_parameters()
-        self._source = CellSource(self)
+        self._source = CellSource(self, follows_images=False)
         self._views: dict[int, tuple[int, View]] = {}
         self._poses: PoseArray | None = None
         # counts what was received: a mesh that was begun early is of exactly these messages

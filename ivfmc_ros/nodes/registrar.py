@@ -73,7 +73,7 @@ class Registrar(CellNode):
             ranges={'island_least': (1, 1_000_000)},
             only=('island_least', 'registration'),
         )
-        self._source = CellSource(self)
+        self._source = CellSource(self, follows_images=False)
         self._profiles: dict[int, Profile] = {}
         self._refused = 0
         self._stamp_ns = 0

@@ -31,14 +31,15 @@ from ivfmc_ros.nodes.framework.base import run
 from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.nodes.framework.health import WAITING
 from ivfmc_ros.nodes.framework.json_response import Answer
+from ivfmc_ros.nodes.framework.life import HEARTBEAT_S
 from ivfmc_ros.nodes.framework.lifecycle import LifecycleCellNode
 from ivfmc_ros.nodes.framework.timers import set_period
 from ivfmc_ros.nodes.processing.turntable_parameters import declare
 
 # Period of laser_states without a change, seconds.
 _LASER_PERIOD_S = 0.1
-# Period of joint_states at standstill with all lasers off, seconds, and after how many seconds.
-_IDLE_PERIOD_S, _IDLE_AFTER_S = 0.1, 2.0
+# Seconds of standstill with all lasers off after which states are published with the heartbeat.
+_IDLE_AFTER_S = 2.0
 # Share of its period after which laser_states is due: the timer is early by less than the rest.
 _DUE = 0.9
 _CONNECTING = 'CONNECTING'
@@ -182,6 +183,13 @@ class TurntableNode(LifecycleCellNode):
         """Publish joint_states at their full rate from now on; at standstill they are fewer."""
         self._idle_s = self.steady_s() + _IDLE_AFTER_S
         set_period(self._timer, 1 / self.get('joint_rate'))
+        if self._timer.is_canceled():
+            self._timer.reset()
+
+    def on_beat(self) -> None:
+        """Publish the states of a table at rest, which need no timer of their own."""
+        if self._timer.is_canceled():
+            self._publish()
 
     def _publish(self) -> None:
         driver = self._driver
@@ -190,8 +198,8 @@ class TurntableNode(LifecycleCellNode):
         state = driver.state()
         if state.moving or any(state.lasers.values()):
             self._wake()
-        elif self.steady_s() > self._idle_s:
-            set_period(self._timer, max(_IDLE_PERIOD_S, 1 / self.get('joint_rate')))
+        elif self.steady_s() > self._idle_s and 1 / self.get('joint_rate') < HEARTBEAT_S:
+            self._timer.cancel()
         if state.alarm != self._published_alarm:
             # a scan has to end at once; the next diagnostics may be a second away
             self.publish_diagnostics()

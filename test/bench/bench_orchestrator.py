@@ -58,7 +58,7 @@ def run() -> Iterator[Number]:
             client.spin(SETTLE_S)
             yield from idle(cell, client)
             for profiles, bar_s in ((DEMO, 2.0), (LARGE, 3.0)):
-                yield from scanned(client, profiles, bar_s)
+                yield from scanned(cell, client, profiles, bar_s)
         finally:
             client.close()
             cell.end()
@@ -66,25 +66,40 @@ def run() -> Iterator[Number]:
 
 def idle(cell: Cell, client: Client) -> Iterator[Number]:
     """Processor seconds a second of each node, its worker process included."""
-    groups = {name: _family(cell.id_of(name)) for name in NODES}
+    shares = Shares(cell)
     # the client of this bench sleeps: its own subscriptions are part of no cell
-    before = {name: _seconds(group) for name, group in groups.items()}
-    start = time.monotonic()
     time.sleep(IDLE_S)
-    elapsed = time.monotonic() - start
-    shares = {name: (_seconds(group) - before[name]) / elapsed for name, group in groups.items()}
-    for name, share in shares.items():
+    found = shares.until_now()
+    for name, share in found.items():
         yield Number(f'idle cell, {name}', share, 'of a core')
-    note = f'processor time over {elapsed:.0f} s'
-    yield Number('idle cell, seven nodes', sum(shares.values()), 'of a core', at_most(0.15), note)
+    total = sum(found[name] for name in NODES)
+    note = f'processor time over {IDLE_S:.0f} s'
+    yield Number('idle cell, seven nodes', total, 'of a core', at_most(0.15), note)
 
 
-def _family(pid: int) -> list[psutil.Process]:
+class Shares:
+    """Processor time of the processes of a cell from now on."""
+
+    def __init__(self, cell: Cell) -> None:
+        self._ids = {name: cell.id_of(name) for name in NODES}
+        self._ids['ivfmc up'] = cell.up.pid
+        self._before, self._begin = self._seconds(), time.monotonic()
+
+    def until_now(self) -> dict[str, float]:
+        """Return the share of a core by node, and that of ``ivfmc up``."""
+        elapsed = time.monotonic() - self._begin
+        return {
+            name: (seconds - self._before[name]) / elapsed
+            for name, seconds in self._seconds().items()
+        }
+
+    def _seconds(self) -> dict[str, float]:
+        return {name: _seconds(pid, name in NODES) for name, pid in self._ids.items()}
+
+
+def _seconds(pid: int, with_children: bool) -> float:
     process = psutil.Process(pid)
-    return [process, *process.children(recursive=True)]
-
-
-def _seconds(group: list[psutil.Process]) -> float:
+    group = [process, *(process.children(recursive=True) if with_children else ())]
     return sum(times.user + times.system for times in (one.cpu_times() for one in group))
 
 
@@ -94,11 +109,13 @@ class Scan:
     What a client saw of a scan; times are seconds of the wall clock, as of stamps and files.
 
     last_profile, answered : of the last profile, when its image was exposed; of the answer
+    shares : of a core by node, while the profiles were taken
     """
 
     answer: Mapping[str, Any]
     last_profile: float
     answered: float
+    shares: Mapping[str, float]
 
     @property
     def mesh_on_disk(self) -> float:
@@ -106,9 +123,9 @@ class Scan:
         return max(file.stat().st_mtime for file in files)
 
 
-def scanned(client: Client, profiles: int, bar_s: float) -> Iterator[Number]:
+def scanned(cell: Cell, client: Client, profiles: int, bar_s: float) -> Iterator[Number]:
     """Scan the demo part with both lasers in continuous motion."""
-    scan = scan_demo(client, profiles)
+    scan = scan_demo(cell, client, profiles)
     answer = scan.answer
     points, faces = answer['counts']['points'], answer['mesh']['counts']['faces']
     name = f'{profiles} profiles a view'
@@ -128,9 +145,11 @@ def scanned(client: Client, profiles: int, bar_s: float) -> Iterator[Number]:
     share = answer['seconds']['scanning'] * rate / answer['counts']['profiles_planned']
     note = f'simulated camera, {rate:.1f} images/s'
     yield Number(f'{name}, scanning over images', share, '', None, note)
+    for node, share in scan.shares.items():
+        yield Number(f'{name}, scanning, {node}', share, 'of a core')
 
 
-def scan_demo(client: Client, profiles: int) -> Scan:
+def scan_demo(cell: Cell, client: Client, profiles: int) -> Scan:
     stamps: list[int] = []
     subscription = client.node.create_subscription(
         PointCloud2,
@@ -144,15 +163,18 @@ def scan_demo(client: Client, profiles: int) -> Scan:
     success, started = client.trigger('start_scan')
     assert success, started
 
-    def result() -> dict[str, Any]:
-        found = {item.key: item.value for item in client.status[-1].values}
-        if found['scan_id'] != started['scan_id']:
-            return {}
-        return dict(json.loads(found['result'] or '{}'))
+    def status(key: str) -> str:
+        values = client.status[-1].values if client.status else ()
+        found = {item.key: item.value for item in values}
+        return str(found.get(key, '')) if found.get('scan_id') == started['scan_id'] else ''
 
-    client.until(lambda: client.status and result(), SCAN_S, 'no end of the scan')
+    client.until(lambda: status('stage') == 'SCANNING', SCAN_S, 'the scan does not begin')
+    measured = Shares(cell)
+    client.until(lambda: status('stage') != 'SCANNING', SCAN_S, 'no end of the profiles')
+    shares = measured.until_now()
+    client.until(lambda: status('result'), SCAN_S, 'no end of the scan')
     answered = time.time()
     client.node.destroy_subscription(subscription)
-    answer = result()
+    answer: dict[str, Any] = json.loads(status('result'))
     assert answer['code'] == 'OK', answer
-    return Scan(answer=answer, last_profile=max(stamps) * 1e-9, answered=answered)
+    return Scan(answer=answer, last_profile=max(stamps) * 1e-9, answered=answered, shares=shares)

@@ -125,3 +125,23 @@ def test_guard_that_dies_is_a_fault(pipe, guard):
 def test_port_without_a_descriptor_is_a_fault(guard):
     guard.start(None, lambda: True, lambda: True)
     assert 'no file descriptor' in guard.fault
+
+
+def test_guard_of_a_dark_cell_acts_when_a_motion_or_laser_was_announced(pipe, guard):
+    reading, writing = pipe
+    alive = [True]
+    guard.start(OffLine(handle=writing, steps=STEPS), lambda: alive[0], lambda: False)
+    # the driver hangs at once after it
+    assert received(reading, 0.3) == b''
+    alive[0] = False
+    guard.announce()
+    assert received(reading, 0.9).startswith(b'off')
+
+
+def test_guard_of_a_dark_cell_sends_nothing_when_its_driver_hangs(pipe, guard):
+    reading, writing = pipe
+    alive = [True]
+    guard.start(OffLine(handle=writing, steps=STEPS), lambda: alive[0], lambda: False)
+    assert received(reading, 0.3) == b''
+    alive[0] = False
+    assert received(reading, 0.9) == b''

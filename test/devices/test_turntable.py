@@ -196,3 +196,37 @@ def test_request_for_a_laser_in_a_move_delays_neither_another_move_nor_a_stop(dr
     until(lambda: driver.hold('right') or not driver.state().moving)
     assert time.monotonic() - start < 1.5
     assert driver.state().position < 2.0
+
+
+def test_interlock_is_evaluated_less_often_only_while_the_cell_is_dark_and_stands(driver):
+    decide, decisions = driver._interlock.decide, []
+    driver._interlock.decide = lambda: decisions.append(0) or decide()
+
+    def rate():
+        decisions.clear()
+        begin = time.monotonic()
+        until(lambda: len(decisions) >= 10)
+        return 10 / (time.monotonic() - begin)
+
+    assert rate() < 15.0
+    driver.command(0.5, 2.0)
+    until(lambda: driver.state().moving)
+    assert rate() > 25.0
+    until(lambda: not driver.state().moving)
+    turn_on(driver, 'left')
+    assert rate() > 25.0
+
+
+def test_laser_is_switched_at_once_after_a_rest(driver):
+    time.sleep(0.3)
+    begin = time.monotonic()
+    turn_on(driver, 'left')
+    assert time.monotonic() - begin < 0.3
+    driver.hold('')
+    until(lambda: not any(driver.state().lasers.values()), 0.3)
+
+
+def test_driver_closes_at_once(driver):
+    begin = time.monotonic()
+    driver.close()
+    assert time.monotonic() - begin < 0.45

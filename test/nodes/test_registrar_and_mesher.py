@@ -8,6 +8,7 @@ from geometry_msgs.msg import PoseArray
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh as MeshMessage
 from std_msgs.msg import Header
@@ -17,6 +18,7 @@ from visualization_msgs.msg import Marker
 
 from ivfmc_ros import pipeline
 from ivfmc_ros.cell.camera_file import save_camera
+from ivfmc_ros.nodes.camera import camera_info
 from ivfmc_ros.nodes.convert import clouds
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
@@ -283,3 +285,26 @@ def test_serialized_meshes_are_deserialized_by_rclpy():
     shape = deserialize_message(meshes.mesh_shape(vertices, faces), MeshMessage)
     assert [list(t.vertex_indices) for t in shape.triangles] == faces.tolist()
     np.testing.assert_array_equal([[v.x, v.y, v.z] for v in shape.vertices], vertices)
+
+
+def test_camera_info_is_received_once_a_scan_beside_an_orchestrator(client, cell, cell_file):
+    infos = client.publisher(CameraInfo, 'camera_info')
+    message = camera_info(cell.camera, cell.camera.width, cell.camera.height)
+
+    def count():
+        infos.publish(message)
+        return infos.get_subscription_count()
+
+    def last(node):
+        return 'waiting' not in client.diagnostic(node) and client.diagnostic(node)
+
+    with running('registrar', cell=str(cell_file)), running('mesher', cell=str(cell_file)):
+        client.until(lambda: count() == 2 and last('registrar') and last('mesher'))
+        # a replay has none, and may bring another camera
+        assert count() == 2
+        client.publisher(Header, 'orchestrator/heartbeat')
+        client.until(lambda: count() == 0)
+        for node in ('registrar', 'mesher'):
+            assert client.set(node, scan_id='next').successful
+        client.until(lambda: infos.get_subscription_count() == 2)
+        client.until(lambda: count() == 0)

@@ -92,14 +92,15 @@ def run_graph(output: Path, seed: int, wanted: Mapping[str, Any]) -> None:
 
 
 def _await_cell(client: CellClient, processes: Processes) -> None:
-    alive, received = _alive(processes), client.watch_heartbeats()
+    alive = _alive(processes)
+    with client.heartbeats() as received:
 
-    def up() -> bool:
-        alive()
-        return bool(client.status) and received.issuperset(NODES)
+        def up() -> bool:
+            alive()
+            return bool(client.status) and received().issuperset(NODES)
 
-    # on a loaded machine the slowest node takes much longer to import than the orchestrator
-    client.until(up, _COMING_UP_S, 'all nodes to come up')
+        # on a loaded machine the slowest node takes much longer to import than the orchestrator
+        client.until(up, _COMING_UP_S, 'all nodes to come up')
 
 
 def _await_report(

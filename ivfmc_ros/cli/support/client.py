@@ -49,28 +49,27 @@ class CellClient:
     def __init__(self, namespace: str) -> None:
         from diagnostic_msgs.msg import DiagnosticStatus
         import rclpy
-        from rclpy.executors import SingleThreadedExecutor
-        from std_msgs.msg import Header
 
         from ivfmc_ros.nodes.framework import qos
+        from ivfmc_ros.nodes.framework.executor import NodeExecutor
+        from ivfmc_ros.nodes.framework.heartbeats import Heartbeats
 
         self.status: dict[str, str] = {}
         self.node = rclpy.create_node(f'client_{time.time_ns() % 10**9}', namespace=namespace)
         self.namespace = namespace
-        self._executor = SingleThreadedExecutor()
+        self._executor = NodeExecutor()
         self._executor.add_node(self.node)
         self._clients: dict[str, Any] = {}
         self.node.create_subscription(
             DiagnosticStatus, 'scan_status', self._hear, qos.of_topic('scan_status')
         )
         self._heard_s = time.monotonic()
-        self.node.create_subscription(
-            Header, 'orchestrator/heartbeat', self._hear_heartbeat, qos.reliable(10)
-        )
+        self._heartbeats = Heartbeats(self.node, ['orchestrator'], self._hear_heartbeat)
 
     @property
     def silent_s(self) -> float:
         """Seconds since the last heartbeat of the orchestrator."""
+        self._heartbeats.fetch()
         return time.monotonic() - self._heard_s
 
     def close(self) -> None:
@@ -175,23 +174,24 @@ class CellClient:
         self.until(future.done, seconds, f'an answer of {place}')
         return future.result()
 
-    def watch_heartbeats(self) -> set[str]:
-        """Return a set to which the name of each node is added when its heartbeat arrives."""
-        from std_msgs.msg import Header
-
-        from ivfmc_ros.nodes.framework import qos
+    @contextmanager
+    def heartbeats(self) -> Iterator[Callable[[], set[str]]]:
+        """Yield a function that returns the nodes of which a heartbeat came in the block."""
+        from ivfmc_ros.nodes.framework.heartbeats import Heartbeats
 
         received: set[str] = set()
-        for name in NODES:
-            self.node.create_subscription(
-                Header,
-                f'{name}/heartbeat',
-                lambda _, name=name: received.add(name),
-                qos.reliable(10),
-            )
-        return received
+        heartbeats = Heartbeats(self.node, NODES, received.add)
 
-    def _hear_heartbeat(self, _: Any) -> None:
+        def found() -> set[str]:
+            heartbeats.fetch()
+            return received
+
+        try:
+            yield found
+        finally:
+            heartbeats.close()
+
+    def _hear_heartbeat(self, _: str) -> None:
         self._heard_s = time.monotonic()
 
     def _hear(self, message: Any) -> None:

@@ -39,12 +39,13 @@ def sole_cell(client: CellClient) -> Iterator[None]:
                 raise
             raise _busy(client, 'ivfmc up or demo on this computer') from error
         # a killed node stays in the graph for a while, but sends no heartbeat
-        beating = client.watch_heartbeats()
-        end = time.monotonic() + _LISTEN_S
-        while time.monotonic() < end:
-            client.spin(0.05)
-        if beating:
-            raise _busy(client, ', '.join(sorted(beating)))
+        with client.heartbeats() as beating:
+            end = time.monotonic() + _LISTEN_S
+            while time.monotonic() < end:
+                client.spin(0.05)
+            found = beating()
+        if found:
+            raise _busy(client, ', '.join(sorted(found)))
         yield
 
 

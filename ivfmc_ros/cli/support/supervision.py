@@ -8,7 +8,6 @@ has ended or hangs is started again, or the cell ends. The reason for which a ce
 published, so that its clients need not wait for a silent cell.
 """
 
-from functools import partial
 import json
 from pathlib import Path
 import time
@@ -63,9 +62,9 @@ class Supervisor:
             which the cell can do without
         """
         from diagnostic_msgs.msg import DiagnosticArray
-        from std_msgs.msg import Header
 
         from ivfmc_ros.nodes.framework import qos
+        from ivfmc_ros.nodes.framework.heartbeats import Heartbeats
 
         self._run, self._processes, self._client, self._say = run, processes, client, say
         self._restarts = Restarts() if restart else None
@@ -79,10 +78,7 @@ class Supervisor:
         self._diagnostics = node.create_publisher(
             DiagnosticArray, '/diagnostics', qos.reliable(10)
         )
-        for name in run.nodes:
-            node.create_subscription(
-                Header, f'{name}/heartbeat', partial(self._hear, name), qos.reliable(10)
-            )
+        self._heartbeats = Heartbeats(node, run.nodes, self._hear)
 
     def check(self) -> None:
         """
@@ -93,6 +89,7 @@ class Supervisor:
         """
         if time.monotonic() - self._checked_s < _CHECK_S:
             return
+        self._heartbeats.fetch()
         self._count_silence()
         away = self._given_up | (self._restarts.pending if self._restarts else set())
         for name in [name for name in self._processes.ids if name not in away]:
@@ -171,7 +168,7 @@ class Supervisor:
         array.header.stamp = node.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 
-    def _hear(self, name: str, _: object) -> None:
+    def _hear(self, name: str) -> None:
         self._silent_s[name] = 0.0
 
     def _count_silence(self) -> None:

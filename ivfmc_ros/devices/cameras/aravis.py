@@ -142,6 +142,9 @@ class AravisCamera:
         """Apply the settings to the following images."""
         self._exposure, self._exposure_changed = exposure, True
 
+    def rest(self, resting: bool) -> None:
+        """Go on: the camera sends its images in any case."""
+
     def close(self) -> None:
         """Release the camera."""
         camera, self._camera, self._stream = self._camera, None, None

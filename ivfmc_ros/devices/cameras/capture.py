@@ -38,15 +38,18 @@ class Capture:
         deliver: Callable[[CameraImage], None],
         *,
         watched: bool = True,
+        wanted: Callable[[], bool] = lambda: True,
     ) -> None:
         """
         Make a capture that does not run.
 
         watched : whether equal images are a frozen camera, and one that is silent for long is
             opened again; files may well be equal, and end
+        wanted : returns whether something takes the images; the camera may rest otherwise
         """
         self._camera, self._exposure, self._deliver = camera, exposure, deliver
         self._watch = FrameWatch() if watched else None
+        self._wanted, self._is_resting = wanted, False
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
         # steady second of the last image, or of the opening; None while the camera is not open
@@ -113,16 +116,27 @@ class Capture:
         if watch is not None:
             watch.restart()
         while not self._closing.is_set():
+            self._rest_if_unwanted()
             image = self._camera.grab(_GRAB_TIMEOUT)
             now, exposure = time.monotonic(), self._exposure
-            period = math.inf if exposure.triggered else 1 / exposure.frame_rate
+            is_irregular = exposure.triggered or self._is_resting
+            frame_s = 1 / exposure.frame_rate
+            period = math.inf if is_irregular else frame_s
             if image is None or not (watch is None or watch.accepts(image, period, now)):
                 if exposure.triggered:
                     # a table that stands triggers none, and the camera is open
                     self._last_s, self._fault = now, '' if watch is None else watch.fault
-                elif watch is not None and now - (self._last_s or now) > period + _REOPENED_AFTER:
+                elif watch is not None and now - (self._last_s or now) > frame_s + _REOPENED_AFTER:
                     raise CameraLostError('the camera delivers no images; it is opened again')
                 continue
             self._last_s, self._fault = now, '' if watch is None else watch.fault
             self.image_count += 1
             self._deliver(image)
+
+    def _rest_if_unwanted(self) -> None:
+        is_resting = not self._exposure.triggered and not self._wanted()
+        if is_resting != self._is_resting:
+            self._is_resting = is_resting
+            self._camera.rest(is_resting)
+            if self._watch is not None:
+                self._watch.expect_pause()

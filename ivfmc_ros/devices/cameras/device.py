@@ -9,6 +9,9 @@ from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.model import Image
 from ivfmc_ros.validation import require_in_range
 
+# Seconds between the images of a camera that rests: often enough to see that it is lost.
+REST_PERIOD = 0.5
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CameraImage:
@@ -79,6 +82,13 @@ class CameraDevice(Protocol):
 
     def set_exposure(self, exposure: Exposure) -> None:
         """Apply the settings to the following images; may be called from any thread."""
+
+    def rest(self, resting: bool) -> None:
+        """
+        Give an image each ``REST_PERIOD`` only while ``resting``, because nothing takes them.
+
+        Called in the thread that grabs. A camera that saves nothing by it may go on as before.
+        """
 
     def close(self) -> None:
         """Release the camera; raises nothing."""

@@ -62,6 +62,9 @@ class FolderCamera:
         """Apply the frame rate; exposure time and gain have no effect on files."""
         self._exposure = exposure
 
+    def rest(self, resting: bool) -> None:
+        """Go on: an image that is left out would be missing."""
+
     def close(self) -> None:
         """Forget the list of images."""
         self._files = []

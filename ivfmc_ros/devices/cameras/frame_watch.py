@@ -44,6 +44,10 @@ class FrameWatch:
         self._stamp_ns, self._arrived_at = -1, math.nan
         self._digest, self._equal = 0, 0
 
+    def expect_pause(self) -> None:
+        """Take the time until the next image for no gap: the camera begins or ends to rest."""
+        self._arrived_at = math.nan
+
     def accepts(self, picture: CameraImage, period: float, now: float) -> bool:
         """
         Note an image; return whether it is a new one.

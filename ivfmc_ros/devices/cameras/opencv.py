@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Camera behind OpenCV's VideoCapture: USB cameras, video files, network streams."""
 
+import math
 from pathlib import Path
 import time
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 
 from ivfmc_ros.devices.cameras.device import CameraImage
 from ivfmc_ros.devices.cameras.device import Exposure
+from ivfmc_ros.devices.cameras.device import REST_PERIOD
 from ivfmc_ros.errors import CameraLostError
 
 _MAX_FAILURES = 5  # consecutive reads without an image; one or two are usual after opening
@@ -57,6 +59,7 @@ class OpencvCamera:
         self._capture: Any = None
         self._exposure_changed = False
         self._failures = 0
+        self._is_resting, self._retrieved_at = False, -math.inf
 
     def open(self) -> None:
         """
@@ -84,7 +87,7 @@ class OpencvCamera:
 
     def grab(self, timeout: float) -> CameraImage | None:
         """
-        Return the next image, None if this read failed.
+        Return the next image, None if this read failed, or it was left out while resting.
 
         timeout : seconds, longest pause after a failed read
         :raises CameraLostError: several reads in a row failed
@@ -94,6 +97,11 @@ class OpencvCamera:
         if self._exposure_changed:
             self._apply_exposure()
         grabbed = self._capture.grab()
+        now = time.monotonic()
+        if grabbed and self._is_resting and now - self._retrieved_at < REST_PERIOD:
+            # taken from the driver, so that none waits there, but not decoded
+            return None
+        self._retrieved_at = now
         age = self._latency + self._exposure.seconds
         stamp_ns = time.time_ns() - round(age * 1e9)
         retrieved, image = self._capture.retrieve() if grabbed else (False, None)
@@ -111,6 +119,10 @@ class OpencvCamera:
     def set_exposure(self, exposure: Exposure) -> None:
         """Apply the settings to the following images, as far as the camera's driver can."""
         self._exposure, self._exposure_changed = exposure, True
+
+    def rest(self, resting: bool) -> None:
+        """Decode an image each ``REST_PERIOD`` only while ``resting``."""
+        self._is_resting = resting
 
     def close(self) -> None:
         """Release the device."""

@@ -17,6 +17,8 @@ from ivfmc_ros.devices.guard import process
 # to be off half a second after the driver hangs.
 TIMEOUT_S = 0.35
 _BEAT_S = 0.05  # seconds between beats
+# ... while the cell is dark and stands, where the guard would not act; ``announce`` comes first
+_DARK_BEAT_S = 0.2
 _ACTION = (
     f'the guard process turned the lasers off and stopped the table, because this driver did not '
     f'run for {TIMEOUT_S} s; is the computer overloaded?'
@@ -29,7 +31,7 @@ class BeamGuard:
     The guard process of one driver.
 
     is_alive, is_lit : return whether the driver's watchdog runs, and whether a laser may be on or
-        the table moves; called 20 times a second in a thread of its own
+        the table moves; called 5 to 20 times a second in a thread of its own
     fault : why there is no guard though the controller is connected, '' otherwise
     action : what it did to a driver that it took for hung, since ``start`` or ``forgive``; or ''
     """
@@ -92,7 +94,7 @@ class BeamGuard:
         return None if self._process is None else self._process.pid
 
     def announce(self) -> None:
-        """Tell the guard that a laser is about to be turned on; the next beat is later."""
+        """Tell the guard that a laser or a motion is about to begin; the next beat is later."""
         self._write(process.LIT)
 
     def forgive(self) -> None:
@@ -121,11 +123,14 @@ class BeamGuard:
             self._process = None
 
     def _beat(self, is_alive: Callable[[], bool], is_lit: Callable[[], bool]) -> None:
-        while not self._ending.wait(_BEAT_S):
+        period = _BEAT_S
+        while not self._ending.wait(period):
             self._read()
             if not is_alive():
                 continue
-            self._write(process.LIT if is_lit() else process.DARK)
+            lit = is_lit()
+            self._write(process.LIT if lit else process.DARK)
+            period = _BEAT_S if lit else _DARK_BEAT_S
             if self.fault:
                 return
 

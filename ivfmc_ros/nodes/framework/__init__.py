@@ -3,7 +3,8 @@
 """
 Base classes of the nodes and helpers that know nothing about scanning.
 
-``base`` (heartbeat, diagnostics, guarded callbacks, services), ``lifecycle``, ``parameters``,
-``health`` (conditions), ``qos``, ``adaptive_subscription``, ``futures`` (awaiting in callbacks),
-``json_response``, ``service_retry``, ``environment`` (of a node's process; no ROS).
+``base`` (heartbeat, diagnostics, guarded callbacks, services), ``executor``, ``heartbeats`` (of
+other nodes), ``lifecycle``, ``parameters``, ``health`` (conditions), ``qos``,
+``adaptive_subscription``, ``futures`` (awaiting in callbacks), ``json_response``,
+``service_retry``, ``environment`` (of a node's process; no ROS).
 """

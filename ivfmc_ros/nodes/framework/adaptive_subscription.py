@@ -137,6 +137,8 @@ class AdaptiveSubscription:
     def resume(self) -> None:
         """Receive messages again, within some 0.1 s."""
         if self._subscription is None:
+            # not followed during the pause
+            self._offered = self._find_offered()
             self._subscription = self._subscribe()
             self._poll.hurry()
 
@@ -146,22 +148,27 @@ class AdaptiveSubscription:
         self.pause()
 
     def _adapt(self) -> None:
+        if self._subscription is None:
+            return
+        offered = self._find_offered()
+        if offered != self._offered:
+            self._offered = offered
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = self._subscribe()
+
+    def _find_offered(self) -> tuple[ReliabilityPolicy, DurabilityPolicy]:
+        """Return what all publishers offer; what they did where there is none."""
         found = self._node.get_publishers_info_by_topic(self.topic)
         profiles = [info.qos_profile for info in found]
         if not profiles:
-            return
+            return self._offered
         # the weakest offer is compatible with all publishers
         reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
         latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
-        offered = (
+        return (
             ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
             DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )
-        if offered != self._offered:
-            self._offered = offered
-            if self._subscription is not None:
-                self._node.destroy_subscription(self._subscription)
-                self._subscription = self._subscribe()
 
     def _subscribe(self) -> Any:
         reliability, durability = self._offered

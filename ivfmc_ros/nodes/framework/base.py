@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from functools import partial
 import inspect
 import signal
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -24,7 +25,6 @@ from rclpy.clock import Clock
 from rclpy.clock import ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.executors import ShutdownException
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
@@ -33,6 +33,7 @@ from std_srvs.srv import Trigger
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.nodes.framework import environment
 from ivfmc_ros.nodes.framework import qos
+from ivfmc_ros.nodes.framework.executor import NodeExecutor
 from ivfmc_ros.nodes.framework.health import Health
 from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.nodes.framework.health import WAITING
@@ -86,9 +87,12 @@ class CellNode(ParameterNode):
         # why the node ends, '' while it runs
         self.ending = ''
         self._diagnostics = self.create_publisher(
-            DiagnosticArray, '/diagnostics', qos.reliable(10)
+            DiagnosticArray,
+            '/diagnostics',
+            qos.reliable(10),
+            event_callbacks=qos.NO_PUBLISHER_EVENTS,
         )
-        self.steady_timer(HEARTBEAT_S, self.life.beat)
+        self.steady_timer(HEARTBEAT_S, self._beat)
         self.steady_timer(DIAGNOSTICS_S, self.publish_diagnostics)
 
     def steady_timer(self, period_s: float, callback: Callable[[], object]) -> Any:
@@ -250,7 +254,8 @@ class CellNode(ParameterNode):
 
     def steady_s(self) -> float:
         """Return the steady clock, seconds."""
-        return float(self.steady_clock.now().nanoseconds) * 1e-9
+        # that of ``steady_clock``, without its messages
+        return time.monotonic()
 
     def on_settled(self) -> None:
         """Begin to act on the cell: there is no second node of this name; a subclass overrides."""
@@ -261,6 +266,9 @@ class CellNode(ParameterNode):
 
         ``ending`` says why.
         """
+
+    def on_beat(self) -> None:
+        """Look after what needs no timer of its own, at each heartbeat; a subclass overrides."""
 
     def before_diagnosis(self) -> None:
         """Update ``status`` and conditions before they are published; a subclass overrides it."""
@@ -278,6 +286,10 @@ class CellNode(ParameterNode):
         name = ' (second node of this name)' if self.life.refusal else ''
         self._send_diagnostics(Level.ERROR, f'ended: {self.ending}', name)
         flush(self._diagnostics)
+
+    def _beat(self) -> None:
+        self.life.beat()
+        self.on_beat()
 
     def _send_diagnostics(self, level: Level, message: str, suffix: str = '') -> None:
         values = {'status': self._activity, **self._values, **self.health.messages}
@@ -338,7 +350,7 @@ def run(make: Callable[[], CellNode], arguments: Sequence[str] | None = None) ->
     for line in node.unknown_parameters():
         # only a warning: one parameter file may serve several nodes
         node.get_logger().warning(line)
-    executor = SingleThreadedExecutor()
+    executor = NodeExecutor()
     executor.add_node(node)
     try:
         code, node.ending = _spin(node, executor, shutdown)
@@ -347,9 +359,7 @@ def run(make: Callable[[], CellNode], arguments: Sequence[str] | None = None) ->
         _shut_down(node, executor)
 
 
-def _spin(
-    node: CellNode, executor: SingleThreadedExecutor, shutdown: ShutdownRequest
-) -> tuple[int, str]:
+def _spin(node: CellNode, executor: NodeExecutor, shutdown: ShutdownRequest) -> tuple[int, str]:
     """Return exit code and reason of the end."""
     failures = 0
     # the heartbeat timer returns from spin_once often enough to see the signal
@@ -370,7 +380,7 @@ def _spin(
     return 0, shutdown.reason or 'ROS was shut down'
 
 
-def _shut_down(node: CellNode, executor: SingleThreadedExecutor) -> None:
+def _shut_down(node: CellNode, executor: NodeExecutor) -> None:
     _call_safely(node, node.stop)
     _call_safely(node, node.say_end)
     # an executor that is still open at interpreter exit raises in its destructor

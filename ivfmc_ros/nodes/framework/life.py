@@ -55,7 +55,9 @@ class Life:
         self._settled = False
         self._looked_s = 0.0
         self._waiting: list[Future] = []
-        self._publisher = node.create_publisher(Header, '~/heartbeat', qos.reliable(10))
+        self._publisher = node.create_publisher(
+            Header, '~/heartbeat', qos.reliable(10), event_callbacks=qos.NO_PUBLISHER_EVENTS
+        )
         self._subscription: Any = None
         self._listen()
 

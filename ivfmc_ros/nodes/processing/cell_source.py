@@ -30,8 +30,16 @@ class CellSource:
     invalid input is a condition of the object 'cell', 'camera' or 'camera_info' of the node.
     """
 
-    def __init__(self, node: CellNode) -> None:
+    def __init__(self, node: CellNode, *, follows_images: bool = True) -> None:
+        """
+        Load the files, and subscribe to camera_info.
+
+        follows_images : receive camera_info with every image. Otherwise the node receives none,
+            beside an orchestrator, from when it knows the camera until ``reload``: each would
+            wake it, and let the camera render for it
+        """
         self._node = node
+        self._follows_images = follows_images
         self._draft: CellDraft | None = None
         self._camera: Camera | None = None
         self._cell: Cell | None = None
@@ -86,7 +94,9 @@ class CellSource:
         return self._cell
 
     def reload(self) -> None:
-        """Load the files again if they have been modified."""
+        """Load the files again if they have been modified, and ask for the camera again."""
+        if not self._follows_images:
+            self.infos.resume()
         if self._mtimes_ns() != self._loaded_mtimes_ns:
             self._load_cell()
             self._load_camera()
@@ -113,6 +123,7 @@ class CellSource:
             self._load_cell()
         if 'camera' in names:
             self._load_camera()
+            self.infos.resume()
 
     def _load_cell(self) -> None:
         self._cell = None
@@ -140,8 +151,13 @@ class CellSource:
 
     def _receive_camera_info(self, message: CameraInfo) -> None:
         self.on_camera_info(message)
-        if self._node.get('camera'):
-            return
+        if not self._node.get('camera'):
+            self._take(message)
+        # a replay has no orchestrator, and another camera without a new scan
+        if not self._follows_images and self._node.count_publishers('orchestrator/heartbeat'):
+            self.infos.pause()
+
+    def _take(self, message: CameraInfo) -> None:
         info = (
             message.width,
             message.height,

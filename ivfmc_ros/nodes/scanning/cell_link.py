@@ -3,7 +3,6 @@
 """The orchestrator's subscriptions to the cell, and its commands to table and lasers."""
 
 from collections import deque
-from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Duration
@@ -20,6 +19,7 @@ from ivfmc_ros.errors import HelperError
 from ivfmc_ros.nodes.convert.stamps import nanoseconds
 from ivfmc_ros.nodes.framework.adaptive_subscription import AdaptiveSubscription
 from ivfmc_ros.nodes.framework.base import CellNode
+from ivfmc_ros.nodes.framework.heartbeats import Heartbeats
 from ivfmc_ros.nodes.scanning.diagnostics_watch import DiagnosticsWatch
 from ivfmc_ros.scan.clock_monitor import ClockMonitor
 from ivfmc_ros.scan.liveness import AttentiveClock
@@ -89,7 +89,8 @@ class CellLink:
         self._beam: str | None = None
         self._closed = False
         self._reports_since_command = 0
-        self.diagnostics = DiagnosticsWatch(node, self.watch.end)
+        self._heartbeats = Heartbeats(node, HELPERS, self.watch.heartbeat)
+        self.diagnostics = DiagnosticsWatch(node, self._end)
         self._hold = node.publish_on(Header, 'beam_hold')
         self._trajectory = node.publish_on(JointTrajectory, 'joint_trajectory')
         # of a scan only: in an idle cell every image would wake this node
@@ -102,9 +103,6 @@ class CellLink:
             node.subscribe(UInt64, 'recorded', self._receive_recorded),
             node.steady_timer(HOLD_S, self._tick),
         ]
-        for name in HELPERS:
-            callback = partial(self._receive_heartbeat, name)
-            self._subscriptions.append(node.subscribe(Header, f'{name}/heartbeat', callback))
 
     @property
     def position(self) -> float | None:
@@ -229,14 +227,17 @@ class CellLink:
         return header
 
     def _tick(self) -> None:
+        self._heartbeats.fetch()
         self._attentive.tick()
         if not self._is_simulated_time:
             self.clocks.check_own_clock()
         if self._beam is not None:
             self._hold.publish(self._header(self._beam))
 
-    def _receive_heartbeat(self, name: str, _: Header) -> None:
-        self.watch.heartbeat(name)
+    def _end(self, name: str, reason: str) -> None:
+        # its last heartbeat must not be taken for the first one of its next life
+        self._heartbeats.fetch()
+        self.watch.end(name, reason)
 
     def _receive_joints(self, message: JointState) -> None:
         state = joint_in_message(message, self.joint)

@@ -42,6 +42,7 @@ class DiagnosticsWatch:
             '/diagnostics',
             node.guarded(self._receive, 'diagnostics'),
             qos.reliable(50),
+            event_callbacks=qos.NO_SUBSCRIPTION_EVENTS,
         )
 
     def require_ready(self) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ivfmc_ros.devices.cameras.device import CameraImage
 from ivfmc_ros.devices.cameras.device import Exposure
+from ivfmc_ros.devices.cameras.device import REST_PERIOD
 from ivfmc_ros.devices.cameras.frame_timer import FrameTimer
 from ivfmc_ros.errors import CameraLostError
 from ivfmc_ros.errors import FileError
@@ -44,6 +45,7 @@ class SimulatedCamera:
     def __init__(self, folder: Path, exposure: Exposure) -> None:
         self._folder, self._exposure = folder, exposure
         self._timer = FrameTimer()
+        self._is_resting = False
         self.warning = ''
         self._truth: TruthReader | None = None
         self._scene: LiveScene | None = None
@@ -110,7 +112,9 @@ class SimulatedCamera:
     def _next_start(self, truth: TruthReader, exposure: Exposure, timeout: float) -> float | None:
         """Return when the next exposure begins or began, steady seconds; None after a timeout."""
         if not exposure.triggered:
-            due = self._timer.wait_next(1 / exposure.frame_rate, timeout)
+            period = 1 / exposure.frame_rate
+            period = max(period, REST_PERIOD) if self._is_resting else period
+            due = self._timer.wait_next(period, timeout)
             return None if due is None else time.monotonic()
         end = time.monotonic() + timeout
         while exposure is self._exposure:
@@ -124,6 +128,12 @@ class SimulatedCamera:
     def set_exposure(self, exposure: Exposure) -> None:
         """Apply exposure, gain and frame rate to the following images."""
         self._exposure = exposure
+
+    def rest(self, resting: bool) -> None:
+        """Render an image each ``REST_PERIOD`` only while ``resting``."""
+        self._is_resting = resting
+        # the next image is due at once
+        self._timer = FrameTimer()
 
     def close(self) -> None:
         """Release the cell."""

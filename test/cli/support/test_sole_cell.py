@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cells of one namespace on one computer, with clients that hear no heartbeat."""
 
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import pytest
@@ -20,7 +21,9 @@ def brief(monkeypatch):
 
 def client(namespace, beating=()):
     return SimpleNamespace(
-        namespace=namespace, watch_heartbeats=lambda: set(beating), spin=lambda seconds: None
+        namespace=namespace,
+        heartbeats=lambda: nullcontext(lambda: set(beating)),
+        spin=lambda seconds: None,
     )
 
 

@@ -192,6 +192,76 @@ def test_silence_is_a_fault_of_a_free_running_camera_only(monkeypatch, triggered
     capture.stop()
 
 
+class RestfulCamera(FragileCamera):
+    """Gives 50 images a second, and 10 while it rests."""
+
+    def __init__(self):
+        super().__init__()
+        self.rests, self.seed = [], 0
+
+    def grab(self, timeout):
+        time.sleep(0.1 if self.rests and self.rests[-1] else 0.02)
+        self.seed += 1
+        image = np.random.default_rng(self.seed).integers(0, 9, (32, 32)).astype(np.uint8)
+        return CameraImage(image=image, stamp_ns=time.time_ns())
+
+    def rest(self, resting):
+        self.rests.append(resting)
+
+
+def until(condition):
+    deadline = time.monotonic() + 5.0
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def test_camera_rests_while_its_images_are_not_wanted_and_that_is_no_fault():
+    camera, wanted = RestfulCamera(), [False]
+    exposure = Exposure(frame_rate=50.0, seconds=0.001)
+    capture = Capture(camera, exposure, lambda image: None, wanted=lambda: wanted[0])
+    capture.start()
+    until(lambda: capture.image_count > 5)
+    assert camera.rests == [True]
+    wanted[0] = True
+    until(lambda: camera.rests == [True, False])
+    count, begin = capture.image_count, time.monotonic()
+    until(lambda: capture.image_count > count + 10)
+    assert time.monotonic() - begin < 0.8
+    capture.stop()
+    assert capture.fault == ''
+    assert capture.counts['missing'] == 0
+
+
+def test_triggered_camera_does_not_rest():
+    camera = RestfulCamera()
+    capture = Capture(camera, Exposure(triggered=True), lambda image: None, wanted=lambda: False)
+    capture.start()
+    until(lambda: capture.image_count > 2)
+    capture.stop()
+    assert camera.rests == []
+
+
+def test_resting_video_is_read_on_but_not_decoded(tmp_path):
+    path = tmp_path / 'video.avi'
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*'MJPG'), 10.0, (64, 48))
+    if not writer.isOpened():
+        pytest.skip('this OpenCV writes no video')
+    for number in range(4):
+        writer.write(np.full((48, 64, 3), 60 * number, np.uint8))
+    writer.release()
+    camera = OpencvCamera(str(path), Exposure(seconds=0.001))
+    camera.open()
+    camera.rest(True)
+    assert camera.grab(0.1).image.mean() == pytest.approx(0.0, abs=5.0)
+    assert camera.grab(0.1) is None
+    assert camera.grab(0.1) is None
+    camera.rest(False)
+    # none of those in between waits in a queue
+    assert camera.grab(0.1).image.mean() == pytest.approx(180.0, abs=5.0)
+    camera.close()
+
+
 def test_pause_of_the_triggers_is_no_missing_image():
     watch = FrameWatch()
     for number, now in enumerate((0.0, 0.1, 9.0)):
