@@ -26,6 +26,7 @@ from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 
+from ivfmc_ros.storage.bag.decompression import plain_name
 SUMMARY = 'batch_summary.json'
 
 
@@ -141,4 +142,6 @@ def _table(outcomes: Sequence[BatchOutcome]) -> Table:
 
 def _name(bag: Path) -> str:
     resolved = bag.resolve()
-    return resolved.name if resolved.is_dir() else resolved.stem.removesuffix('.mcap')
+    if resolved.is_dir():
+        return resolved.name
+    return Path(plain_name(resolved)).stem.removesuffix('.mcap')

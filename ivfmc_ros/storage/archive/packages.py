@@ -23,8 +23,13 @@ from ivfmc_ros.errors import FileError
 from ivfmc_ros.storage.archive.rebuild import rebuild_scan
 from ivfmc_ros.storage.archive.rebuild import RebuiltScan
 from ivfmc_ros.storage.bag import metadata
+from ivfmc_ros.storage.bag.copying import CopiedFile
 from ivfmc_ros.storage.bag.copying import copy_file
 from ivfmc_ros.storage.bag.copying import merged_topics
+from ivfmc_ros.storage.bag.decompression import content_of
+from ivfmc_ros.storage.bag.decompression import FileContent
+from ivfmc_ros.storage.bag.decompression import plain_name
+from ivfmc_ros.storage.bag.decompression import SUFFIXES
 from ivfmc_ros.storage.bag.locate import find_files
 from ivfmc_ros.storage.bag.locate import PART_SUFFIX
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
@@ -57,7 +62,7 @@ def export_scan(row: ScanRow, target: Path, *, pictures: bool = True) -> Mapping
         sources = {**_files(row.folder), **replaced}
         if not pictures:
             # what is left of an interrupted or repaired recording has the pictures
-            unwanted = (f'.mcap{PART_SUFFIX}', '.damaged')
+            unwanted = (f'.mcap{PART_SUFFIX}', '.damaged', *SUFFIXES)
             sources = {key: path for key, path in sources.items() if not key.endswith(unwanted)}
         manifest = _manifest(row, sources, pictures)
         with files.atomic_file(target) as temporary:
@@ -72,9 +77,9 @@ def trim_bag(folder: Path, target: Path) -> dict[str, Path]:
     :raises BagError: the bag cannot be read
     """
     paths, _ = find_files(folder)
-    names = [path.name.removesuffix(PART_SUFFIX) for path in paths]
+    names = [plain_name(path).removesuffix(PART_SUFFIX) for path in paths]
     copies = [
-        copy_file(path, target / name, name, lambda _, kind: kind not in (IMAGE, COMPRESSED_IMAGE))
+        _copy_without_images(content_of(path), target / name)
         for path, name in zip(paths, names, strict=True)
     ]
     info = metadata.bag_information([copy.file for copy in copies], merged_topics(copies))
@@ -84,6 +89,16 @@ def trim_bag(folder: Path, target: Path) -> dict[str, Path]:
 
 
 def _files(folder: Path) -> dict[str, Path]:
+def _copy_without_images(source: FileContent, target: Path) -> CopiedFile:
+    with source.named_errors():
+        return copy_file(
+            source.path,
+            target,
+            target.name,
+            lambda _, kind: kind not in (IMAGE, COMPRESSED_IMAGE),
+        )
+
+
     found = sorted(path for path in folder.rglob('*') if path.is_file() and not path.is_symlink())
     return {path.relative_to(folder).as_posix(): path for path in found}
 
