@@ -24,6 +24,8 @@ from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.bag.topics import find_scan_topics
 from ivfmc_ros.storage.bag.topics import ScanTopics
 from ivfmc_ros.storage.matching.frame_matching import MatchSettings
+from ivfmc_ros.storage.bag.topics import type_remarks
+from ivfmc_ros.storage.catalogue.database import url_of_environment
 from ivfmc_ros.storage.matching.frame_matching import MAX_EXPOSURES
 from ivfmc_ros.storage.scans.scan_bag import open_scan
 from ivfmc_ros.storage.scans.scan_bag import ScanBag
@@ -171,7 +173,9 @@ def read_bag(path: Path, options: BagOptions) -> tuple[Bag, ScanTopics]:
     """
     bag = open_bag(path, salvage=options.salvage)
     _warn(bag.remarks)
-    return bag, find_scan_topics(bag, options.roles)
+    topics = find_scan_topics(bag, options.roles)
+    _warn(type_remarks(bag, topics, options.roles))
+    return bag, topics
 
 
 def read_scan(
