@@ -73,6 +73,9 @@ _FILTERS = (
     click.option('--code', default='', help='Only scans that ended with this code, such as OK.'),
     click.option('--verdict', default='',
                  help='Only scans whose last inspection has this verdict: pass, fail, ...'),
+    click.option('--calibration', default='', metavar='SHA256',
+                 help='Only scans taken with this cell.yaml; the first digits, as show prints '
+                 'them, are enough.'),
     click.option('--since', type=Time(), default=None,
                  help='Only scans from then on: a date, today, or a time ago such as 7d.'),
     click.option('--until', type=Time(), default=None, help='Only scans before then.'),

@@ -25,6 +25,7 @@ from ivfmc_ros.storage.bag.recovery import known_channels
 from ivfmc_ros.storage.bag.recovery import read_parts
 from ivfmc_ros.storage.bag.writer import FILE_NAME
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
+from ivfmc_ros.storage.catalogue.calibrations import add_calibration
 from ivfmc_ros.storage.catalogue.inspections import add_inspection
 from ivfmc_ros.storage.catalogue.inspections import is_inspection
 from ivfmc_ros.storage.messages import cdr
@@ -99,6 +100,7 @@ def rebuild_scan(catalogue: Catalogue, folder: Path) -> RebuiltScan:
         recipe = str(parameters.get('recipe', ''))
         key = catalogue.insert_scan(connection, values, part=part, recipe=recipe)
         catalogue.insert_profiles(connection, key, locations)
+    add_calibration(catalogue, f'{catalogue.cell}/{folder.name}', folder)
     return _add_results(catalogue, folder, len(locations), others)
 
 

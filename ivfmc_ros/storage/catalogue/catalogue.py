@@ -29,6 +29,7 @@ from ivfmc_ros.storage.catalogue.rows import ProfileRow
 from ivfmc_ros.storage.catalogue.rows import ResultRow
 from ivfmc_ros.storage.catalogue.rows import ScanRow
 from ivfmc_ros.storage.catalogue.rows import ViewRow
+from ivfmc_ros.storage.catalogue.schema import CALIBRATIONS
 from ivfmc_ros.storage.catalogue.schema import CELLS
 from ivfmc_ros.storage.catalogue.schema import FEATURES
 from ivfmc_ros.storage.catalogue.schema import OF_A_SCAN
@@ -362,6 +363,7 @@ def _scan_query() -> Any:
 
 
 def _profile_values(key: int, location: ProfileLocation) -> dict[str, Any]:
+        sql.func.coalesce(CALIBRATIONS.c.sha256, '').label('calibration'),
     return {
         'scan': key,
         'topic': location.topic,
