@@ -173,8 +173,6 @@ class Catalogue:
 
         :raises CatalogueError: the scan does not exist, or has another profile of that seq
         """
-        if not locations:
-            return
         key = self.scan(scan_id).key
         with self.database.write() as connection:
             self.insert_profiles(connection, key, locations)
@@ -185,6 +183,8 @@ class Catalogue:
         """:raises CatalogueError: the scan has another profile of a seq."""
         rows = {location.header.seq: _profile_values(key, location) for location in locations}
         # an update whose answer was lost with the connection is repeated
+        if not locations:
+            return
         known = connection.execute(
             sql.select(PROFILES).where(
                 PROFILES.c.scan == key, PROFILES.c.seq.between(min(rows), max(rows))

@@ -7,6 +7,7 @@ import zipfile
 
 import cv2
 import pytest
+from support.recordings import write_profiles
 
 from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.errors import FileError
@@ -178,6 +179,15 @@ def test_catalogue_is_rebuilt_from_the_bags_alone(recorded, command):
     # a second time changes nothing
     command('rebuild', '--scans', recorded)
     assert command('list', '--scans', recorded, '--feature', 'hole 3', '--json').output == after
+
+
+def test_scan_without_a_profile_is_rebuilt(recorded, command):
+    # it ended before the first one
+    write_profiles(recorded / 'empty', [], per_chunk=1)
+    answer = command('rebuild', '--scans', recorded, '--json')
+    assert answer.exit_code == 0, answer.exception
+    counts = {row['scan_id']: row['profiles'] for row in json.loads(answer.stdout)}
+    assert (counts['empty'], counts[FIRST]) == (0, 12)
 
 
 def test_scan_goes_to_another_machine_as_one_file(recorded, command, tmp_path):
