@@ -49,7 +49,8 @@ def make_jobs(
     jobs = []
     for source in sources:
         bag = bag_of(source)
-        name = source.rpartition('/')[2] if bag is None else _name(bag)
+        # CELL/SCAN_ID: cells may have scans of one id
+        name = source.replace('/', '_') if bag is None else _name(bag)
         jobs.append(
             BatchJob(
                 name=name,

@@ -104,6 +104,8 @@ def filter_of(options: dict[str, Any], **more: Any) -> ScanFilter:
     return ScanFilter(**values, **more)
 
 
-def open_catalogue(root: Path, url: str, *, create: bool = False) -> Catalogue:
+def open_catalogue(
+    root: Path, url: str, *, create: bool = False, cell: str | None = None
+) -> Catalogue:
     """:raises CatalogueError: there is no catalogue, or it cannot be read."""
-    return Catalogue(root, url=url, create=create)
+    return Catalogue(root, url=url, create=create, cell=cell)

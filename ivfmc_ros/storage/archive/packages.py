@@ -33,6 +33,7 @@ from ivfmc_ros.storage.bag.decompression import SUFFIXES
 from ivfmc_ros.storage.bag.locate import find_files
 from ivfmc_ros.storage.bag.locate import PART_SUFFIX
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
+from ivfmc_ros.storage.catalogue.catalogue import folder_of_cell
 from ivfmc_ros.storage.catalogue.rows import ScanRow
 from ivfmc_ros.storage.messages.sensor_messages import COMPRESSED_IMAGE
 from ivfmc_ros.storage.messages.sensor_messages import IMAGE
@@ -88,7 +89,6 @@ def trim_bag(folder: Path, target: Path) -> dict[str, Path]:
     return {name: target / name for name in (*names, metadata.FILE_NAME)}
 
 
-def _files(folder: Path) -> dict[str, Path]:
 def _copy_without_images(source: FileContent, target: Path) -> CopiedFile:
     with source.named_errors():
         return copy_file(
@@ -99,6 +99,7 @@ def _copy_without_images(source: FileContent, target: Path) -> CopiedFile:
         )
 
 
+def _files(folder: Path) -> dict[str, Path]:
     found = sorted(path for path in folder.rglob('*') if path.is_file() and not path.is_symlink())
     return {path.relative_to(folder).as_posix(): path for path in found}
 
@@ -141,9 +142,10 @@ def import_scan(catalogue: Catalogue, source: Path) -> RebuiltScan:
         with zipfile.ZipFile(source) as archive:
             manifest = _read_manifest(archive, source)
             scan_id = str(manifest['scan_id'])
-            target = catalogue.root / scan_id
+            target = folder_of_cell(catalogue.root, catalogue.cell) / scan_id
             if target.exists():
                 raise FileError(f'{target}: exists already and is not overwritten')
+            _require_no_rows(catalogue, scan_id)
             with files.atomic_folder(target) as temporary:
                 for name, expected in manifest['files'].items():
                     _extract(archive, source, temporary, name, expected)
@@ -153,8 +155,19 @@ def import_scan(catalogue: Catalogue, source: Path) -> RebuiltScan:
         raise FileError(f'{source}: cannot be read: {error.strerror or error}') from error
     rebuilt = rebuild_scan(catalogue, target)
     values = {key: str(manifest[key]) for key in ('created', 'stage', 'code')}
+    # a new folder: its rows are of this cell
     catalogue.update_scan(f'{catalogue.cell}/{scan_id}', **values)
     return rebuilt
+
+
+def _require_no_rows(catalogue: Catalogue, scan_id: str) -> None:
+    """:raises FileError: the trash has a scan of that id."""
+    rows = catalogue.scans_of(scan_id)
+    if any(row.deleted and row.cell == catalogue.cell for row in rows):
+        raise FileError(
+            f'{scan_id}: is in the trash; take it back by ivfmc scans restore, or delete it by '
+            'empty-trash'
+        )
 
 
 def _read_manifest(archive: zipfile.ZipFile, source: Path) -> dict[str, Any]:

@@ -206,6 +206,16 @@ def test_scan_goes_to_another_machine_as_one_file(recorded, command, tmp_path):
     )
 
 
+def test_scan_in_the_trash_is_not_imported_over(recorded, command, tmp_path):
+    package = tmp_path / 'scan.zip'
+    command('export', FIRST, '--scans', recorded, '-o', package)
+    command('delete', FIRST, '--yes', '--scans', recorded)
+    answer = command('import', package, '--scans', recorded)
+    assert isinstance(answer.exception, FileError)
+    assert f'{FIRST}: is in the trash' in str(answer.exception)
+    assert command('restore', FIRST, '--scans', recorded).exit_code == 0
+
+
 def rewritten(package, target, change):
     """Copy a package with one entry changed."""
     with zipfile.ZipFile(package) as source, zipfile.ZipFile(target, 'w') as copy:
