@@ -15,6 +15,7 @@ import tempfile
 import time
 from typing import Any
 
+import numpy as np
 from rclpy.serialization import serialize_message
 import sqlalchemy as sql
 from support import postgres
@@ -25,6 +26,7 @@ from ivfmc_ros.cli.support.source import BagOptions
 from ivfmc_ros.cli.support.source import read_scan
 from ivfmc_ros.nodes.convert import clouds
 from ivfmc_ros.nodes.convert.meshes import marker
+from ivfmc_ros.nodes.convert.meshes import mesh_shape
 from ivfmc_ros.pipeline import measure_profiles
 from ivfmc_ros.pipeline import reconstruct
 from ivfmc_ros.pipeline import reconstruct_profiles
@@ -54,9 +56,10 @@ UPDATE_RATE = 4.0
 STORED, FEATURES_A_SCAN, UPDATES = 100, 20, 10
 # Time in which the scans of one day are to be processed again.
 NIGHT_H = 8.0
+# Triangles of the mesh in the bag (parameter display_triangles of mesher).
+DISPLAYED = 50_000
 DAY_S, HOUR_S = 86_400.0, 3_600.0
 START = 1_700_000_000_000_000_000
-MARKER = 'visualization_msgs/msg/Marker'
 # Files of a reconstruction that the scan of a cell does not have.
 _OFFLINE = ('mesh.obj', 'cloud.ply', 'cloud.png')
 _KB, _MB, _GB, _TB = 1e3, 1e6, 1e9, 1e12
@@ -127,6 +130,9 @@ def measure_scan(folder: Path) -> ScanFigures:
     again = reconstruct_profiles(cell, profiles, Settings())
     write_results(folder / 'again', cell, again, 'scan', {})
     profile_seconds = time.perf_counter() - begin
+    # of the mesh that is displayed; any of its triangles, because their number gives the bytes
+    used, numbers = np.unique(made.mesh.faces[:DISPLAYED], return_inverse=True)
+    vertices, faces = made.mesh.vertices_xyz[used], numbers.reshape(-1, 3)
     sent = [clouds.from_view(view, START) for view in made.views]
     sent.append(clouds.from_views(made.views, made.poses, START))
     return ScanFigures(
@@ -135,7 +141,8 @@ def measure_scan(folder: Path) -> ScanFigures:
         profiles=write_bag(folder / 'profiles', _encoded(map(clouds.from_profile, profiles))),
         views=write_bag(folder / 'views', [
             *_encoded(sent),
-            ('mesh', MARKER, marker(made.mesh.vertices_xyz, made.mesh.faces, START), START),
+            ('mesh', 'visualization_msgs/msg/Marker', marker(vertices, faces, START), START),
+            ('mesh_shape', 'shape_msgs/msg/Mesh', mesh_shape(vertices, faces), START),
         ]),
         files=files,
         seconds=seconds,
