@@ -16,8 +16,6 @@ from support.fault_cell import FaultCell
 from support.fault_cell import FaultClient
 from support.fault_cell import SCAN_S
 from support.fault_effects import await_result
-from support.fault_effects import FINE
-from support.fault_effects import SHORT
 from support.fault_effects import start
 from support.killed_recorder import encoded_profiles
 from support.killed_recorder import TOPIC
@@ -42,6 +40,8 @@ _RESERVE_MB = 200.0
 _POINTS = 500  # of a profile that is recorded: 24 kB
 _FREED = 3_000_000  # bytes that are freed after the disk was full
 _SOME = 5  # profiles of a scan that are on disk before it is filled
+# A scan that takes its time, so that a busy machine does not end it.
+_REQUEST = {'motion': 'step', 'profiles': 40, 'lasers': ['left'], 'home': False}
 
 
 def full_disks(folder: Path) -> Iterator[Number]:
@@ -139,7 +139,7 @@ def cell_figures(disk: Path) -> Iterator[Number]:
         if not result.successful:
             raise RuntimeError(result.reason)
         begin_s = time.monotonic()
-        scan_id = start(cell, FINE)
+        scan_id = start(cell, _REQUEST)
         _await_profiles(client, scan_id, begin_s)
         filler = disk / 'filler'
         free = shutil.disk_usage(disk).free
@@ -154,7 +154,7 @@ def cell_figures(disk: Path) -> Iterator[Number]:
         lost = cell.lost_profiles(scan_id, acknowledged)
         check = check_recording(cell.scans / scan_id)
         filler.unlink(missing_ok=True)
-        following = await_result(cell, start(cell, SHORT))
+        following = await_result(cell, start(cell, _REQUEST))
         cell.end()
     finally:
         client.close()
