@@ -3,6 +3,7 @@
 """Result folder of a reconstruction: mesh, point cloud, report images and report."""
 
 from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import datetime
 from datetime import UTC
@@ -28,6 +29,8 @@ from ivfmc_ros.inspection.reports.scan_page import scan_page
 from ivfmc_ros.meshing.geometry.cut_rim import rim_figures
 from ivfmc_ros.meshing.io import export
 from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Poses
+from ivfmc_ros.model import View
 from ivfmc_ros.pipeline import Reconstruction
 from ivfmc_ros.registration.merge.merge import Merged
 from ivfmc_ros.registration.self_calibration.refine import RefinementResult
@@ -138,9 +141,14 @@ def _heading(cell: Cell, source: str, document: Mapping[str, Any]) -> dict[str, 
 
 def merged_cloud(made: Reconstruction) -> tuple[Floats, Floats]:
     """Return the points of all views in ``turntable``, (n, 3) meters, and their (n,) sigma."""
-    posed = zip(made.views, made.poses.turntable_from_view, strict=True)
+    return merged_points(made.views, made.poses)
+
+
+def merged_points(views: Sequence[View], poses: Poses) -> tuple[Floats, Floats]:
+    """Return the points of views in ``turntable``, (n, 3) meters, and their (n,) sigma."""
+    posed = zip(views, poses.turntable_from_view, strict=True)
     points = np.concatenate([transforms.apply(T, view.cloud()) for view, T in posed])
-    return points, np.concatenate([view.sigma[view.valid] for view in made.views])
+    return points, np.concatenate([view.sigma[view.valid] for view in views])
 
 
 def table_report(made: Reconstruction) -> dict[str, Any]:

@@ -1,6 +1,9 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Storage: damaged bags, killed recorders, large catalogues, writers, offline speed, a cluster."""
+"""
+Storage: damaged and foreign bags, killed recorders, full disks, large catalogues, writers, a
+cluster, offline speed.
+"""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -8,7 +11,6 @@ from concurrent.futures import ThreadPoolExecutor
 import os
 from pathlib import Path
 import random
-import resource
 import signal
 import tempfile
 import threading
@@ -21,13 +23,15 @@ from support.batch_work import slow_work
 from support.batch_work import Task
 from support.killed_recorder import encoded_profiles
 from support.killed_recorder import kill_recorder
+from support.recordings import messages_of
 from support.recordings import write_profiles
 
 from bench import at_least
 from bench import at_most
 from bench import Number
+from bench.storage_disk import full_disks
+from bench.storage_foreign import foreign_bags
 from ivfmc_ros.errors import ScanError
-from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.catalogue.schema import SCANS
 from ivfmc_ros.storage.catalogue.schema import VIEWS
@@ -44,10 +48,9 @@ KILLS, KILL_S, KILLED_POINTS = 50, (0.0, 2.0), 500
 SEED = 20261127
 SCANS_LISTED = 100_000
 WRITERS, UPDATES = 64, 20
-PICTURES, SHAPE = 720, (1024, 1280)
+# Pictures of a scan, and of a shorter one, whose processes must not need less memory.
+PICTURES, FEW_PICTURES, SHAPE = 720, 180, (1024, 1280)
 JOBS = 16
-
-Message = tuple[str, int, bytes]
 
 
 def run() -> Iterator[Number]:
@@ -55,7 +58,9 @@ def run() -> Iterator[Number]:
         folder = Path(name)
         yield from flips(folder / 'flips')
         yield from cuts(folder / 'cuts')
+        yield from foreign_bags(folder / 'foreign')
         yield from kills(folder / 'kills')
+        yield from full_disks(folder / 'disks')
         yield from large_catalogue(folder / 'sqlite', '', 'sqlite')
         if postgres.programs() is None:
             print('storage: no PostgreSQL on this machine: its figures are left out')
@@ -67,11 +72,6 @@ def run() -> Iterator[Number]:
         yield from speed(folder / 'speed')
 
 
-def read(folder: Path, *, salvage: bool) -> list[Message]:
-    bag = open_bag(folder, salvage=salvage)
-    return [(raw.topic, raw.log_time_ns, raw.data) for raw in bag.messages(list(bag.topics))]
-
-
 class Damage:
     """What happened when damaged copies of one bag were read and repaired."""
 
@@ -81,7 +81,7 @@ class Damage:
         self._file = self._scan / 'scan.mcap'
         self._metadata = (self._scan / 'metadata.yaml').read_bytes()
         self.content = self._file.read_bytes()
-        self._whole = read(self._scan, salvage=False)
+        self._whole = messages_of(self._scan)
         self.counts: Counter[str] = Counter()
         self.slowest = 0.0
         self.least_left = PROFILES
@@ -103,15 +103,15 @@ class Damage:
 
     def _read_and_repair(self) -> None:
         try:
-            plain = read(self._scan, salvage=False)
+            plain = messages_of(self._scan)
             self.counts['wrong'] += plain != self._whole
         except ScanError:
             self.counts['found'] += 1
-        salvaged = read(self._scan, salvage=True)
+        salvaged = messages_of(self._scan, salvage=True)
         self.counts['wrong'] += not set(salvaged) <= set(self._whole)
         said = sum(check_recording(self._scan).lost.values())
         repair_recording(self._scan)
-        left = read(self._scan, salvage=False)
+        left = messages_of(self._scan)
         self.counts['wrong'] += not set(left) <= set(self._whole)
         self.counts['repaired'] += 1
         self.counts['unsaid'] += len(left) + said < PROFILES
@@ -275,10 +275,15 @@ def speed(folder: Path) -> Iterator[Number]:
     from bench.storage_speed import measure
     from bench.storage_speed import write_scan
 
-    write_scan(folder, PICTURES, SHAPE)
+    write_scan(folder / 'few', FEW_PICTURES, SHAPE)
+    _, little = measure(folder / 'few', 1)
+    write_scan(folder / 'whole', PICTURES, SHAPE)
+    peak = 0.0
     for jobs, bar in ((1, None), (2, at_least(150.0))):
-        seconds = measure(folder, jobs)
+        seconds, peak = measure(folder / 'whole', jobs)
         note = f'{PICTURES} pictures of {SHAPE[1]} x {SHAPE[0]} in each of {jobs} bags'
         yield Number(f'pictures_{jobs}_jobs', jobs * PICTURES / seconds, '1/s', bar, note)
-    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024.0
     yield Number('peak_memory', peak, 'MiB', at_most(1024.0), 'of the largest process')
+    raw = (PICTURES - FEW_PICTURES) * SHAPE[0] * SHAPE[1] / 2**20
+    note = f'from {FEW_PICTURES} to {PICTURES} pictures, {raw:.0f} MiB more in the bag'
+    yield Number('memory_growth', peak - little, 'MiB', at_most(0.1 * raw), note)

@@ -1,10 +1,11 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A long recording of raw pictures, and the time in which processes measure its profiles."""
+"""A long recording of raw pictures; time and memory of processes that measure its profiles."""
 
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
+import resource
 import time
 
 import numpy as np
@@ -35,14 +36,18 @@ def write_scan(folder: Path, count: int, shape: tuple[int, int]) -> None:
     save_cell(folder / 'bag' / 'cell.yaml', cell)
 
 
-def measure(folder: Path, jobs: int) -> float:
-    """Return the seconds in which so many processes have measured the bag, each once."""
+def measure(folder: Path, jobs: int) -> tuple[float, float]:
+    """
+    Measure the bag in so many processes, each once.
+
+    :returns: seconds until all have done so, and the peak memory of the largest process, MiB
+    """
     with ProcessPoolExecutor(jobs, mp_context=get_context('spawn')) as pool:
         # the imports are not measured
         list(pool.map(_warm, [folder] * jobs))
         begin = time.perf_counter()
-        list(pool.map(_profiles, [folder] * jobs))
-        return time.perf_counter() - begin
+        peaks = list(pool.map(_profiles, [folder] * jobs))
+        return time.perf_counter() - begin, max(peaks)
 
 
 def _warm(folder: Path) -> None:
@@ -53,11 +58,13 @@ def _warm(folder: Path) -> None:
         raise FileNotFoundError(folder)
 
 
-def _profiles(folder: Path) -> int:
+def _profiles(folder: Path) -> float:
+    """Measure the profiles of a bag, and return the peak memory of this process, MiB."""
     from ivfmc_ros.cli.support.source import BagOptions
     from ivfmc_ros.cli.support.source import read_scan
     from ivfmc_ros.pipeline import measure_profiles
     from ivfmc_ros.pipeline import Settings
 
     scan, cell = read_scan(folder / 'bag', None, None, BagOptions())
-    return len(measure_profiles(cell, scan.frames(), Settings()))
+    measure_profiles(cell, scan.frames(), Settings())
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0

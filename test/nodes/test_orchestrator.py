@@ -3,6 +3,7 @@
 from contextlib import contextmanager
 from contextlib import ExitStack
 from dataclasses import replace
+import hashlib
 import json
 import math
 import os
@@ -111,7 +112,9 @@ def test_step_scan_with_a_foreign_table(client, fake, orchestrator, root):
     assert set(status) == KEYS
     assert (status['stage'], status['code']) == ('DONE', 'OK')
     assert json.loads(status['result'])['scan_id'] == answer['scan_id']
-    assert Catalogue(root).scan(answer['scan_id']).stage == 'DONE'
+    row = Catalogue(root).scan(answer['scan_id'])
+    digest = hashlib.sha256((root / answer['scan_id'] / 'cell.yaml').read_bytes()).hexdigest()
+    assert (row.stage, row.calibration) == ('DONE', digest)
     assert scan_folder.load_job(root / answer['scan_id'])['stage'] == 'DONE'
     status = await_report(client)
     assert (status['stage'], status['report_error']) == ('DONE', '')

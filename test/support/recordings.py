@@ -4,6 +4,7 @@
 
 import numpy as np
 
+from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.bag.writer import BagWriter
 from ivfmc_ros.storage.messages import cdr
 from ivfmc_ros.storage.messages.point_clouds import POINT_FIELD_DTYPES
@@ -12,6 +13,12 @@ from ivfmc_ros.storage.messages.sensor_messages import POINT_CLOUD
 
 START = 1_700_000_000_000_000_000
 _CODES = {np.dtype(name): code for code, name in POINT_FIELD_DTYPES.items()}
+
+
+def messages_of(path, **options):
+    """Return topic, time of recording and data of all messages of a bag."""
+    bag = open_bag(path, **options)
+    return [(raw.topic, raw.log_time_ns, raw.data) for raw in bag.messages(list(bag.topics))]
 
 
 def profile(seq, *, view=None, points=4):

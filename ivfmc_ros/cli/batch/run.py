@@ -4,6 +4,7 @@
 
 from collections.abc import Iterator
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict
 import json
 from pathlib import Path
@@ -21,10 +22,14 @@ from ivfmc_ros.cli.support.output import console
 from ivfmc_ros.cli.support.output import print_json
 from ivfmc_ros.cli.support.source import bag_of
 from ivfmc_ros.cli.support.source import BagOptions
+from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.pipeline import Settings
+from ivfmc_ros.storage.bag.decompression import plain_name
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
+from ivfmc_ros.storage.catalogue.catalogue import FILE_NAME
+from ivfmc_ros.storage.catalogue.database import url_of_environment
 
 SUMMARY = 'batch_summary.json'
 
@@ -48,7 +53,8 @@ def make_jobs(
     jobs = []
     for source in sources:
         bag = bag_of(source)
-        name = source.rpartition('/')[2] if bag is None else _name(bag)
+        # CELL/SCAN_ID: cells may have scans of one id
+        name = source.replace('/', '_') if bag is None else _name(bag)
         jobs.append(
             BatchJob(
                 name=name,
@@ -116,12 +122,29 @@ def _outcomes(jobs: Sequence[BatchJob], processes: int, dask: str) -> Iterator[B
 
 def _add_to_catalogue(job: BatchJob, outcome: BatchOutcome) -> None:
     """Add the result of a scan of the catalogue, once."""
-    if not job.scan_id or not job.folder.is_dir():
+    if not job.folder.is_dir():
         return
-    catalogue = Catalogue(job.root)
-    if all(result.folder != job.folder for result in catalogue.results(job.scan_id)):
-        catalogue.add_result(job.scan_id, str(job.folder), {'counts': dict(outcome.counts)})
-    catalogue.close()
+    if job.scan_id:
+        _add_result(Catalogue(job.root), job.scan_id, job, outcome)
+    elif job.bag is not None and _is_of_catalogue(job.bag, job.root):
+        # a folder beside a catalogue need not be one of its scans
+        with suppress(CatalogueError):
+            _add_result(Catalogue(job.bag.parent), job.bag.name, job, outcome)
+
+
+def _is_of_catalogue(bag: Path, root: Path) -> bool:
+    """Return whether a bag can be a scan of the catalogue: by its place, not by its name alone."""
+    if not bag.is_dir():
+        return False
+    return bag.parent == root if url_of_environment() else (bag.parent / FILE_NAME).is_file()
+
+
+def _add_result(catalogue: Catalogue, scan_id: str, job: BatchJob, outcome: BatchOutcome) -> None:
+    try:
+        if all(result.folder != job.folder for result in catalogue.results(scan_id)):
+            catalogue.add_result(scan_id, str(job.folder), {'counts': dict(outcome.counts)})
+    finally:
+        catalogue.close()
 
 
 def _save(output: Path, outcomes: Sequence[BatchOutcome]) -> None:
@@ -141,4 +164,6 @@ def _table(outcomes: Sequence[BatchOutcome]) -> Table:
 
 def _name(bag: Path) -> str:
     resolved = bag.resolve()
-    return resolved.name if resolved.is_dir() else resolved.stem.removesuffix('.mcap')
+    if resolved.is_dir():
+        return resolved.name
+    return Path(plain_name(resolved)).stem.removesuffix('.mcap')

@@ -24,10 +24,13 @@ from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.scan.scan_folder import load_parameters
+from ivfmc_ros.storage.archive.rebuild import cell_folders
 from ivfmc_ros.storage.archive.rebuild import rebuild_scan
 from ivfmc_ros.storage.archive.rebuild import scan_folders
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.catalogue.catalogue import FILE_NAME
+from ivfmc_ros.storage.catalogue.catalogue import folder_of_cell
+from ivfmc_ros.storage.catalogue.database import cell_of_environment
 from ivfmc_ros.storage.repair import check_recording
 from ivfmc_ros.storage.repair import RecordingCheck
 from ivfmc_ros.storage.repair import repair_recording
@@ -55,8 +58,8 @@ def verify(sources: tuple[str, ...], root: Path, url: str, as_json: bool) -> Non
     """
     is_sound = True
     documents = []
-    for path in _paths(sources, root, url):
-        check = check_recording(path, **_expected(path, url))
+    for recording in _recordings(sources, root, url):
+        check = check_recording(recording.path, **_expected(recording, url))
         is_sound &= check.is_sound and check.is_complete
         documents.append(_document(check))
         if not as_json:
@@ -80,12 +83,13 @@ def repair(sources: tuple[str, ...], root: Path, url: str, as_json: bool) -> Non
     if not sources:
         raise click.UsageError('name the recordings to repair: SCAN_ID or BAG')
     documents = []
-    for path in _paths(sources, root, url):
-        expected = _expected(path, url)
+    for recording in _recordings(sources, root, url):
+        path = recording.path
+        expected = _expected(recording, url)
         repaired = repair_recording(path, **expected)
         if repaired.written and path.is_dir():
             _save_lost(path, repaired.before, expected['acknowledged'])
-        rows = _rebuild_rows(path, url) if repaired.written else ''
+        rows = _rebuild_rows(recording, url) if repaired.written else ''
         documents.append(
             {
                 **_document(repaired.before),
@@ -117,16 +121,17 @@ def rebuild(scan_ids: tuple[str, ...], root: Path, url: str, as_json: bool) -> N
     Without a scan id, all scans of the folder are taken. A catalogue that cannot be read is kept
     as catalogue.sqlite3.damaged.
     """
-    catalogue = _fresh_catalogue(root, url)
-    folders = [_named_folder(root, name) for name in scan_ids] or scan_folders(root)
     documents, failed = [], []
-    for folder in folders:
+    for cell, folder in _folders_to_rebuild(scan_ids, root, url):
+        catalogue = _fresh_catalogue(folder.parent, url, cell)
         try:
             made = rebuild_scan(catalogue, folder)
         except ScanError as error:
             failed.append(str(error))
             click.echo(f'ivfmc: warning: {error}', err=True)
             continue
+        finally:
+            catalogue.close()
         documents.append(asdict(made))
         if not as_json:
             console().print(
@@ -136,7 +141,21 @@ def rebuild(scan_ids: tuple[str, ...], root: Path, url: str, as_json: bool) -> N
     if as_json:
         print_json(documents)
     if failed:
-        raise FileError(f'{len(failed)} of {len(folders)} scans could not be rebuilt')
+        count = len(failed) + len(documents)
+        raise FileError(f'{len(failed)} of {count} scans could not be rebuilt')
+
+
+def _folders_to_rebuild(scan_ids: tuple[str, ...], root: Path, url: str) -> list[tuple[str, Path]]:
+    """Return cell and folder of the scans that are meant; all of them without ids."""
+    cell = cell_of_environment(url)
+    own = folder_of_cell(root, cell)
+    if scan_ids:
+        return [(cell, _named_folder(own, name)) for name in scan_ids]
+    return [
+        (name, folder)
+        for name, folder_of_scans in cell_folders(root, cell)
+        for folder in scan_folders(folder_of_scans)
+    ]
 
 
 def _named_folder(root: Path, name: str) -> Path:
@@ -146,38 +165,59 @@ def _named_folder(root: Path, name: str) -> Path:
     return root / name
 
 
-def _fresh_catalogue(root: Path, url: str) -> Catalogue:
+def _fresh_catalogue(root: Path, url: str, cell: str) -> Catalogue:
     try:
-        return open_catalogue(root, url, create=True)
+        return open_catalogue(root, url, create=True, cell=cell)
     except CatalogueError as error:
         path = root / FILE_NAME
         if url or 'not a database' not in str(error):
             raise
         path.replace(path.with_name(f'{FILE_NAME}.damaged'))
         click.echo(f'ivfmc: warning: {error}; kept as {FILE_NAME}.damaged', err=True)
-        return open_catalogue(root, url, create=True)
+        return open_catalogue(root, url, create=True, cell=cell)
 
 
-def _paths(sources: tuple[str, ...], root: Path, url: str) -> Iterator[Path]:
+@dataclass(frozen=True)
+class _Recording:
+    """A recording; ``cell`` is the cell of its rows, None where it is not known."""
+
+    path: Path
+    cell: str | None = None
+
+
+def _recordings(sources: tuple[str, ...], root: Path, url: str) -> Iterator[_Recording]:
     """Yield the recordings that are meant: a path, or the folder of a scan."""
+    cell = cell_of_environment(url)
     if not sources:
-        yield from scan_folders(root)
+        for name, folder in cell_folders(root, cell):
+            yield from (_Recording(path, name) for path in scan_folders(folder))
     for source in sources:
+        own = folder_of_cell(root, cell) / source
         if Path(source).exists():
-            yield Path(source)
-        elif (root / source).is_dir():
-            yield root / source
+            yield _Recording(Path(source), _cell_of(Path(source).absolute(), root, url))
+        elif own.is_dir():
+            yield _Recording(own, cell)
         else:
-            yield open_catalogue(root, url).scan(source).folder
+            row = open_catalogue(root, url).scan(source)
+            yield _Recording(row.folder, row.cell)
 
 
-def _expected(path: Path, url: str) -> dict[str, Any]:
+def _cell_of(path: Path, root: Path, url: str) -> str | None:
+    """Return the cell that has a folder as one of its scans."""
+    cells = cell_folders(root.absolute(), cell_of_environment(url))
+    return next((cell for cell, folder in cells if folder == path.parent), None)
+
+
+def _expected(recording: _Recording, url: str) -> dict[str, Any]:
     """Return what is known of a scan beside its bag: profiles of the catalogue, planned views."""
+    path = recording.path
     profiles: dict[int, ProfilePlace] = dict(_load_lost(path))
     # a bag that is no scan, or whose catalogue is lost, has no rows
     with suppress(CatalogueError):
-        catalogue = open_catalogue(path.absolute().parent, url)
-        profiles |= {row.seq: row for row in catalogue.profiles(path.name)}
+        catalogue = open_catalogue(path.absolute().parent, url, cell=recording.cell)
+        name = f'{catalogue.cell}/{path.name}' if url else path.name
+        profiles |= {row.seq: row for row in catalogue.profiles(name)}
+        catalogue.close()
     return {'acknowledged': profiles, 'planned_views': _planned_views(path)}
 
 
@@ -224,12 +264,14 @@ def _planned_views(folder: Path) -> int:
         return 0
 
 
-def _rebuild_rows(path: Path, url: str) -> str:
+def _rebuild_rows(recording: _Recording, url: str) -> str:
     """Write the rows of a repaired scan anew: the chunks are at other places now."""
-    root = path.absolute().parent
-    if not path.is_dir() or not (url or (root / FILE_NAME).exists()):
+    path = recording.path.absolute()
+    # in the database of a plant, rows of a folder elsewhere would be those of a scan without files
+    is_scan = recording.cell is not None if url else (path.parent / FILE_NAME).exists()
+    if not path.is_dir() or not is_scan:
         return 'catalogue: has no rows of it'
-    made = rebuild_scan(open_catalogue(root, url), path.absolute())
+    made = rebuild_scan(open_catalogue(path.parent, url, cell=recording.cell), path)
     return f'catalogue: {made.profiles} profiles'
 
 

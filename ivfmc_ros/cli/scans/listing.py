@@ -19,11 +19,13 @@ from ivfmc_ros.cli.scans.options import open_catalogue
 from ivfmc_ros.cli.support.output import console
 from ivfmc_ros.cli.support.output import json_option
 from ivfmc_ros.cli.support.output import print_json
+from ivfmc_ros.storage.catalogue.calibrations import certificates
 from ivfmc_ros.storage.catalogue.rows import FeatureRow
 from ivfmc_ros.storage.catalogue.rows import FoundScan
 
 _COLUMNS = ('part', 'created', 'stage', 'code', 'verdict', 'views', 'profiles')
 _MM = 1e3
+_DIGITS = 12  # of a SHA-256 that are shown
 
 
 @click.command('list')
@@ -112,7 +114,7 @@ def show(scan_id: str, root: Path, url: str, as_json: bool) -> None:
     catalogue = open_catalogue(root, url)
     row = catalogue.scan(scan_id)
     views, results = catalogue.views(scan_id), catalogue.results(scan_id)
-    features = catalogue.features(scan_id)
+    features, tests = catalogue.features(scan_id), certificates(catalogue, scan_id)
     files = sorted(row.folder.iterdir()) if row.folder.is_dir() else []
     if as_json:
         document = {key: value for key, value in asdict(row).items() if key != 'key'}
@@ -120,6 +122,7 @@ def show(scan_id: str, root: Path, url: str, as_json: bool) -> None:
             'views': [asdict(view) for view in views],
             'results': [asdict(result) for result in results],
             'features': [asdict(feature) for feature in features],
+            'certificates': [asdict(test) for test in tests],
             'files': [str(path) for path in files],
         }
         print_json(document)
@@ -128,6 +131,11 @@ def show(scan_id: str, root: Path, url: str, as_json: bool) -> None:
     stdout.print(f'{row.scan_id}  {row.stage} {row.code} {row.verdict}  {row.created}  {row.cell}')
     for key, value in row.parameters.items():
         stdout.print(f'  {key}: {value}')
+    if row.calibration:
+        checks = ', '.join(f'{test.verdict} on {test.created}' for test in tests)
+        stdout.print(
+            f'calibration {row.calibration[:_DIGITS]}, acceptance test: {checks or "none"}'
+        )
     table = Table('view', 'laser', 'profiles', 'points', 'from', 'to')
     for view in views:
         table.add_row(

@@ -73,6 +73,9 @@ _FILTERS = (
     click.option('--code', default='', help='Only scans that ended with this code, such as OK.'),
     click.option('--verdict', default='',
                  help='Only scans whose last inspection has this verdict: pass, fail, ...'),
+    click.option('--calibration', default='', metavar='SHA256',
+                 help='Only scans taken with this cell.yaml; the first digits, as show prints '
+                 'them, are enough.'),
     click.option('--since', type=Time(), default=None,
                  help='Only scans from then on: a date, today, or a time ago such as 7d.'),
     click.option('--until', type=Time(), default=None, help='Only scans before then.'),
@@ -101,6 +104,8 @@ def filter_of(options: dict[str, Any], **more: Any) -> ScanFilter:
     return ScanFilter(**values, **more)
 
 
-def open_catalogue(root: Path, url: str, *, create: bool = False) -> Catalogue:
+def open_catalogue(
+    root: Path, url: str, *, create: bool = False, cell: str | None = None
+) -> Catalogue:
     """:raises CatalogueError: there is no catalogue, or it cannot be read."""
-    return Catalogue(root, url=url, create=create)
+    return Catalogue(root, url=url, create=create, cell=cell)

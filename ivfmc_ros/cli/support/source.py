@@ -19,10 +19,13 @@ from ivfmc_ros.cell.cell_file import load_draft
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.scan.scan_folder import load_parameters
+from ivfmc_ros.storage.bag.decompression import SUFFIXES
 from ivfmc_ros.storage.bag.reader import Bag
 from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.bag.topics import find_scan_topics
 from ivfmc_ros.storage.bag.topics import ScanTopics
+from ivfmc_ros.storage.bag.topics import type_remarks
+from ivfmc_ros.storage.catalogue.database import url_of_environment
 from ivfmc_ros.storage.matching.frame_matching import MatchSettings
 from ivfmc_ros.storage.matching.frame_matching import MAX_EXPOSURES
 from ivfmc_ros.storage.scans.scan_bag import open_scan
@@ -158,7 +161,9 @@ def bag_of(source: str) -> Path | None:
     bag = Path(source)
     if bag.exists():
         return bag
-    if '/' in source or source.endswith(('.mcap', '.mcap.part', '.db3', '.bag')):
+    # in the database of a plant, CELL/SCAN_ID is a scan
+    is_path = source.count('/') > (1 if url_of_environment() else 0)
+    if is_path or source.endswith(('.mcap', '.part', '.db3', '.bag', *SUFFIXES)):
         raise FileError(f'{source}: there is no such bag')
     return None
 
@@ -171,7 +176,9 @@ def read_bag(path: Path, options: BagOptions) -> tuple[Bag, ScanTopics]:
     """
     bag = open_bag(path, salvage=options.salvage)
     _warn(bag.remarks)
-    return bag, find_scan_topics(bag, options.roles)
+    topics = find_scan_topics(bag, options.roles)
+    _warn(type_remarks(bag, topics, options.roles))
+    return bag, topics
 
 
 def read_scan(

@@ -30,6 +30,8 @@ from ivfmc_ros.scan.report import REPORT_PAGE
 from ivfmc_ros.scan.state_machine import FINAL_STAGES
 from ivfmc_ros.scan.state_machine import Stage
 from ivfmc_ros.scan.state_machine import StateMachine
+from ivfmc_ros.storage.catalogue.calibrations import add_calibration
+from ivfmc_ros.storage.catalogue.calibrations import keep_record
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.catalogue.catalogue_writer import CatalogueWriter
 from ivfmc_ros.storage.catalogue.inspections import add_inspection
@@ -91,12 +93,13 @@ class RunningScan:
 
     def save_inputs(self, draft: CellDraft, parameters: Mapping[str, Any]) -> None:
         """
-        Write cell.yaml, the parameters and the catalogue row of the scan.
+        Write cell.yaml, its last acceptance test, the parameters and the catalogue row.
 
         :raises ScanError: one of them cannot be written; the folder is removed again
         """
         try:
             save_draft(self.folder / 'cell.yaml', draft)
+            keep_record(Path(parameters['cell']), self.folder)
             scan_folder.save_parameters(self.folder, parameters)
             self._save()
             catalogue = Catalogue(self.folder.parent, create=True, timeout_s=_CATALOGUE_TIMEOUT_S)
@@ -108,6 +111,8 @@ class RunningScan:
             shutil.rmtree(self.folder, ignore_errors=True)
             raise
         self._writer = CatalogueWriter(catalogue)
+        scan_id, folder = self.scan_id, self.folder
+        self._writer.add(lambda catalogue: add_calibration(catalogue, scan_id, folder))
 
     async def run(self) -> dict[str, Any]:
         """Run the scan to its end and return the response."""

@@ -23,11 +23,17 @@ from ivfmc_ros.errors import FileError
 from ivfmc_ros.storage.archive.rebuild import rebuild_scan
 from ivfmc_ros.storage.archive.rebuild import RebuiltScan
 from ivfmc_ros.storage.bag import metadata
+from ivfmc_ros.storage.bag.copying import CopiedFile
 from ivfmc_ros.storage.bag.copying import copy_file
 from ivfmc_ros.storage.bag.copying import merged_topics
+from ivfmc_ros.storage.bag.decompression import content_of
+from ivfmc_ros.storage.bag.decompression import FileContent
+from ivfmc_ros.storage.bag.decompression import plain_name
+from ivfmc_ros.storage.bag.decompression import SUFFIXES
 from ivfmc_ros.storage.bag.locate import find_files
 from ivfmc_ros.storage.bag.locate import PART_SUFFIX
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
+from ivfmc_ros.storage.catalogue.catalogue import folder_of_cell
 from ivfmc_ros.storage.catalogue.rows import ScanRow
 from ivfmc_ros.storage.messages.sensor_messages import COMPRESSED_IMAGE
 from ivfmc_ros.storage.messages.sensor_messages import IMAGE
@@ -57,7 +63,7 @@ def export_scan(row: ScanRow, target: Path, *, pictures: bool = True) -> Mapping
         sources = {**_files(row.folder), **replaced}
         if not pictures:
             # what is left of an interrupted or repaired recording has the pictures
-            unwanted = (f'.mcap{PART_SUFFIX}', '.damaged')
+            unwanted = (f'.mcap{PART_SUFFIX}', '.damaged', *SUFFIXES)
             sources = {key: path for key, path in sources.items() if not key.endswith(unwanted)}
         manifest = _manifest(row, sources, pictures)
         with files.atomic_file(target) as temporary:
@@ -72,15 +78,25 @@ def trim_bag(folder: Path, target: Path) -> dict[str, Path]:
     :raises BagError: the bag cannot be read
     """
     paths, _ = find_files(folder)
-    names = [path.name.removesuffix(PART_SUFFIX) for path in paths]
+    names = [plain_name(path).removesuffix(PART_SUFFIX) for path in paths]
     copies = [
-        copy_file(path, target / name, name, lambda _, kind: kind not in (IMAGE, COMPRESSED_IMAGE))
+        _copy_without_images(content_of(path), target / name)
         for path, name in zip(paths, names, strict=True)
     ]
     info = metadata.bag_information([copy.file for copy in copies], merged_topics(copies))
     document = metadata.dump({'rosbag2_bagfile_information': info})
     files.write_text(target / metadata.FILE_NAME, document)
     return {name: target / name for name in (*names, metadata.FILE_NAME)}
+
+
+def _copy_without_images(source: FileContent, target: Path) -> CopiedFile:
+    with source.named_errors():
+        return copy_file(
+            source.path,
+            target,
+            target.name,
+            lambda _, kind: kind not in (IMAGE, COMPRESSED_IMAGE),
+        )
 
 
 def _files(folder: Path) -> dict[str, Path]:
@@ -126,9 +142,10 @@ def import_scan(catalogue: Catalogue, source: Path) -> RebuiltScan:
         with zipfile.ZipFile(source) as archive:
             manifest = _read_manifest(archive, source)
             scan_id = str(manifest['scan_id'])
-            target = catalogue.root / scan_id
+            target = folder_of_cell(catalogue.root, catalogue.cell) / scan_id
             if target.exists():
                 raise FileError(f'{target}: exists already and is not overwritten')
+            _require_no_rows(catalogue, scan_id)
             with files.atomic_folder(target) as temporary:
                 for name, expected in manifest['files'].items():
                     _extract(archive, source, temporary, name, expected)
@@ -138,8 +155,19 @@ def import_scan(catalogue: Catalogue, source: Path) -> RebuiltScan:
         raise FileError(f'{source}: cannot be read: {error.strerror or error}') from error
     rebuilt = rebuild_scan(catalogue, target)
     values = {key: str(manifest[key]) for key in ('created', 'stage', 'code')}
+    # a new folder: its rows are of this cell
     catalogue.update_scan(f'{catalogue.cell}/{scan_id}', **values)
     return rebuilt
+
+
+def _require_no_rows(catalogue: Catalogue, scan_id: str) -> None:
+    """:raises FileError: the trash has a scan of that id."""
+    rows = catalogue.scans_of(scan_id)
+    if any(row.deleted and row.cell == catalogue.cell for row in rows):
+        raise FileError(
+            f'{scan_id}: is in the trash; take it back by ivfmc scans restore, or delete it by '
+            'empty-trash'
+        )
 
 
 def _read_manifest(archive: zipfile.ZipFile, source: Path) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from datetime import UTC
+import glob
 import json
 from pathlib import Path
 import re
@@ -24,9 +25,12 @@ from ivfmc_ros.storage.bag.recovery import IntactPart
 from ivfmc_ros.storage.bag.recovery import known_channels
 from ivfmc_ros.storage.bag.recovery import read_parts
 from ivfmc_ros.storage.bag.writer import FILE_NAME
+from ivfmc_ros.storage.catalogue.calibrations import add_calibration
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
+from ivfmc_ros.storage.catalogue.catalogue import CELL_FIELD
 from ivfmc_ros.storage.catalogue.inspections import add_inspection
 from ivfmc_ros.storage.catalogue.inspections import is_inspection
+from ivfmc_ros.storage.catalogue.rows import ResultRow
 from ivfmc_ros.storage.messages import cdr
 from ivfmc_ros.storage.messages.profile_header import read_profile_header
 from ivfmc_ros.storage.messages.sensor_messages import POINT_CLOUD
@@ -46,6 +50,27 @@ class RebuiltScan:
     profiles: int
     results: int
     inspections: int
+
+
+def cell_folders(root: Path, cell: str) -> list[tuple[str, Path]]:
+    """
+    Return the cells whose scans are below a folder, each with the folder of its scans.
+
+    root : ``{cell}`` in it stands for any name; without it, it is the folder of ``cell``
+    """
+    text = str(root)
+    if CELL_FIELD not in text:
+        return [(cell, root)]
+    before, *rest = map(re.escape, text.split(CELL_FIELD))
+    # later fields are the same name again
+    pattern = f'{before}(?P<cell>[^/]+){"(?P=cell)".join(rest)}'
+    places = '*'.join(map(glob.escape, str(root.relative_to(root.anchor)).split(CELL_FIELD)))
+    found = []
+    for folder in sorted(Path(root.anchor).glob(places)):
+        match = re.fullmatch(pattern, str(folder))
+        if match and folder.is_dir():
+            found.append((match['cell'], folder))
+    return found
 
 
 def scan_folders(root: Path) -> list[Path]:
@@ -75,7 +100,11 @@ def rebuild_scan(catalogue: Catalogue, folder: Path) -> RebuiltScan:
         raise BagError(f'{folder}: has neither {FILE_NAME} nor {FILE_NAME}{PART_SUFFIX}')
     locations = list(profile_locations(file))
     job, parameters = _job(folder), _parameters(folder)
-    known = [row for row in catalogue.scans() if row.scan_id == folder.name]
+    # a file beside the scans has no scan of the same name in another folder
+    is_file = catalogue.database.is_file
+    rows = catalogue.scans_of(folder.name)
+    known = [row for row in rows if is_file or row.cell == catalogue.cell]
+    cell = known[0].cell if known else catalogue.cell
     others = [
         result
         for row in known
@@ -94,28 +123,32 @@ def rebuild_scan(catalogue: Catalogue, folder: Path) -> RebuiltScan:
     }
     with catalogue.database.write() as connection:
         for row in known:
-            if row.cell == catalogue.cell:
-                catalogue.remove_rows(connection, row.key)
+            catalogue.remove_rows(connection, row.key)
         recipe = str(parameters.get('recipe', ''))
-        key = catalogue.insert_scan(connection, values, part=part, recipe=recipe)
+        key = catalogue.insert_scan(connection, values, part=part, recipe=recipe, cell=cell)
         catalogue.insert_profiles(connection, key, locations)
-    return _add_results(catalogue, folder, len(locations), others)
+    name = f'{cell}/{folder.name}'
+    add_calibration(catalogue, name, folder)
+    results, inspections = _add_results(catalogue, name, folder, others)
+    return RebuiltScan(
+        scan_id=folder.name, profiles=len(locations), results=results, inspections=inspections
+    )
 
 
 def _add_results(
-    catalogue: Catalogue, folder: Path, profiles: int, others: list[Any]
-) -> RebuiltScan:
+    catalogue: Catalogue, name: str, folder: Path, others: list[ResultRow]
+) -> tuple[int, int]:
+    """Add the results and inspections of a scan, and return their numbers."""
     results = 0
     if (folder / 'report.json').is_file():
         document = _json(folder / 'report.json')
-        catalogue.add_result(folder.name, folder.name, {'counts': document.get('counts', {})})
+        catalogue.add_result(name, folder.name, {'counts': document.get('counts', {})})
         results += 1
     for result in others:
-        catalogue.add_result(folder.name, str(result.folder), result.summary)
+        catalogue.add_result(name, str(result.folder), result.summary)
         results += 1
     reports = [path for path in sorted(folder.rglob('report.json')) if is_inspection(_json(path))]
-    added = sum(add_inspection(catalogue, folder.name, path) for path in reports)
-    return RebuiltScan(scan_id=folder.name, profiles=profiles, results=results, inspections=added)
+    return results, sum(add_inspection(catalogue, name, path) for path in reports)
 
 
 def profile_locations(file: Path) -> Iterator[ProfileLocation]:

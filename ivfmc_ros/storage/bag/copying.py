@@ -16,6 +16,7 @@ from mcap.records import Metadata
 from mcap.records import Schema
 
 from ivfmc_ros.storage.bag import metadata
+from ivfmc_ros.storage.bag.decompression import plain_message
 from ivfmc_ros.storage.bag.mcap_writer import McapWriter
 from ivfmc_ros.storage.bag.recovery import IntactPart
 from ivfmc_ros.storage.bag.recovery import known_channels
@@ -44,11 +45,11 @@ def copy_file(
     is_wanted: TopicFilter = lambda topic, msgtype: True,
 ) -> CopiedFile:
     """
-    Copy the intact messages of a file, chunk by chunk; the compression becomes zstd.
+    Copy the intact messages of a file, chunk by chunk; the compression becomes zstd of chunks.
 
     target : is overwritten
     name : of the file in metadata.yaml
-    :raises BagError: the source cannot be read
+    :raises BagError: the source cannot be read, or a message cannot be decompressed
     """
     channels, schemas = known_channels(source)
     with target.open('wb') as stream:
@@ -150,13 +151,16 @@ class _Copier:
         self._span = min(start, message.log_time), max(end, message.log_time)
         if self._writer is None:
             return
+        channel = self._channels[number]
         if number not in self._new_channels:
-            self._new_channels[number] = self._add_channel(self.writer, self._channels[number])
-        self._pending += len(message.data)
+            self._new_channels[number] = self._add_channel(self.writer, channel)
+        # metadata.yaml of the copy names no compression of messages
+        data = plain_message(message.data, channel.topic, self._counts[number] - 1)
+        self._pending += len(data)
         self.writer.add_message(
             self._new_channels[number],
             message.log_time,
-            message.data,
+            data,
             message.sequence,
             message.publish_time,
         )

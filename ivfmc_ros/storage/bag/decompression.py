@@ -3,14 +3,16 @@
 """
 Decompresses what ``ros2 bag record --compression-mode`` wrote: whole files, or each message.
 
-A file is decompressed into a temporary folder that lives as long as the process: its index has to
-be read, which a stream does not allow.
+A file is decompressed into a temporary folder: its index has to be read, which a stream does not
+allow. The folder is removed with the last object that refers to it.
 """
 
-import atexit
-from functools import cache
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 import tempfile
+from weakref import WeakValueDictionary
 
 import zstandard
 
@@ -19,6 +21,41 @@ from ivfmc_ros.errors import BagError
 # rosbag2's mode 'file' adds the name of the format; the zstd program adds .zst.
 SUFFIXES = ('.zstd', '.zst')
 _CHUNK = 1 << 20  # bytes that are decompressed at a time
+# First bytes of a frame of zstd (RFC 8878); CDR begins with a zero byte.
+_FRAME = b'\x28\xb5\x2f\xfd'
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FileContent:
+    """
+    The content of a bag file.
+
+    source : the file as the caller named it
+    path : the same, or its decompressed copy
+    folder : is removed, with the copy in it, when it is not referred to any more
+    """
+
+    source: Path
+    path: Path
+    folder: tempfile.TemporaryDirectory[str] | None = None
+
+    @contextmanager
+    def named_errors(self) -> Iterator[None]:
+        """Make a BagError of the block name the source instead of the copy."""
+        try:
+            yield
+        except BagError as error:
+            if self.path == self.source:
+                raise
+            raise BagError(self.named(str(error))) from error
+
+    def named(self, text: str) -> str:
+        """Return a message with the source instead of the copy."""
+        return text.replace(str(self.path), str(self.source))
+
+
+# Copies that are in use, by file, time and size: the last two tell a file that was replaced.
+_copies: WeakValueDictionary[tuple[Path, int, int], FileContent] = WeakValueDictionary()
 
 
 def is_compressed(file: Path) -> bool:
@@ -26,27 +63,41 @@ def is_compressed(file: Path) -> bool:
     return file.name.endswith(SUFFIXES)
 
 
-def decompressed(file: Path) -> Path:
+def plain_name(file: Path) -> str:
+    """Return the name of a file without the suffix of a compression."""
+    return file.stem if is_compressed(file) else file.name
+
+
+def content_of(file: Path) -> FileContent:
     """
-    Return a file with the decompressed content of another one; the same for the same file.
+    Return the content of a bag file; one that is compressed as a whole is decompressed.
 
     What follows a damage is left out: the reader of the content finds that it ends early.
 
     :raises BagError: the file is not of zstd, cannot be read, or there is no room for its content
     """
+    if not is_compressed(file):
+        return FileContent(source=file, path=file)
     try:
         state = file.stat()
-        return _decompressed(file.resolve(), state.st_mtime_ns, state.st_size)
+        key = file.resolve(), state.st_mtime_ns, state.st_size
+        known = _copies.get(key)
+        if known is None:
+            known = _copies[key] = _decompress(file)
+        return known
     except OSError as error:
         raise BagError(f'{file}: cannot be decompressed: {error.strerror or error}') from error
 
 
-def decompress_message(data: bytes, topic: str, index: int) -> bytes:
+def plain_message(data: bytes, topic: str, index: int) -> bytes:
     """
-    Return the content of a message that is compressed by itself.
+    Return a message; one that is compressed by itself is decompressed.
 
-    :raises BagError: it is damaged, or not of zstd
+    data : CDR, or a frame of zstd with CDR in it
+    :raises BagError: the frame is damaged
     """
+    if not data.startswith(_FRAME):
+        return data
     frame = zstandard.ZstdDecompressor().decompressobj()
     try:
         content = frame.decompress(data)
@@ -61,10 +112,9 @@ def decompress_message(data: bytes, topic: str, index: int) -> bytes:
     return content
 
 
-@cache
-def _decompressed(file: Path, _modified_ns: int, _size: int) -> Path:
-    """Return the decompressed file; the time and size tell a file that was replaced."""
-    target = Path(tempfile.mkdtemp(dir=_folder())) / file.stem
+def _decompress(file: Path) -> FileContent:
+    folder = tempfile.TemporaryDirectory(prefix='ivfmc_')
+    target = Path(folder.name) / plain_name(file)
     decompressor = zstandard.ZstdDecompressor()
     with file.open('rb') as source, target.open('wb') as stream:
         content = decompressor.stream_reader(source, read_across_frames=True)
@@ -77,11 +127,4 @@ def _decompressed(file: Path, _modified_ns: int, _size: int) -> Path:
             fault = 'it ends early'
         if not stream.tell():
             raise BagError(f'{file}: cannot be decompressed by zstd ({fault}); copy it again')
-    return target
-
-
-@cache
-def _folder() -> str:
-    folder = tempfile.TemporaryDirectory(prefix='ivfmc_')
-    atexit.register(folder.cleanup)
-    return folder.name
+    return FileContent(source=file, path=target, folder=folder)

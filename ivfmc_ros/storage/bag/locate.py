@@ -25,22 +25,13 @@ def is_unfinished(file: Path) -> bool:
     return file.name.endswith(PART_SUFFIX)
 
 
-def find_files(path: Path, *, compressed: bool = False) -> tuple[tuple[Path, ...], str]:
+def find_files(path: Path) -> tuple[tuple[Path, ...], str]:
     """
     Return the files of a bag in recording order, and a remark on what is missing, or ''.
 
     path : bag folder, or a file
-    compressed : accept files that are compressed as a whole
-    :raises BagError: the folder is not a bag, a file is compressed, or it is not clear which
-        files belong to it
+    :raises BagError: the folder is not a bag, or it is not clear which files belong to it
     """
-    files, remark = _find_files(path)
-    if not compressed:
-        _refuse_compressed(files)
-    return files, remark
-
-
-def _find_files(path: Path) -> tuple[tuple[Path, ...], str]:
     if not path.is_dir():
         return (path,), _unfinished_remark(path) if is_unfinished(path) else ''
     if (path / metadata.FILE_NAME).exists():
@@ -60,16 +51,6 @@ def _find_files(path: Path) -> tuple[tuple[Path, ...], str]:
         )
     names = ', '.join(file.name for file in complete)
     return tuple(complete), f'{path}: has no {metadata.FILE_NAME}; {names} is read without it'
-
-
-def _refuse_compressed(files: tuple[Path, ...]) -> None:
-    """:raises BagError: a file is compressed as a whole, as by ros2 bag record in file mode."""
-    for file in files:
-        if decompression.is_compressed(file):
-            raise BagError(
-                f'{file}: is compressed as a whole; unpack it with zstd -d (chunks of an MCAP '
-                'file may be compressed)'
-            )
 
 
 def _unfinished_remark(file: Path) -> str:

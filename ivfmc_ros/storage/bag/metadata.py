@@ -186,15 +186,6 @@ def bag_files(folder: Path) -> list[Path]:
     return files
 
 
-def has_compressed_messages(folder: Path) -> bool:
-    """
-    Return whether each message of a bag folder is compressed by itself.
-
-    :raises BagError: metadata.yaml is missing or invalid
-    """
-    return str(_read(folder / FILE_NAME).get('compression_mode') or '').lower() == 'message'
-
-
 def _require_compression(path: Path, info: Mapping[str, Any]) -> None:
     mode = str(info.get('compression_mode') or '').lower()
     method = str(info.get('compression_format') or '').lower()

@@ -17,12 +17,13 @@ from ivfmc_ros.storage.bag import metadata
 from ivfmc_ros.storage.bag import ros1_file
 from ivfmc_ros.storage.bag import sqlite_file
 from ivfmc_ros.storage.bag.bag_file import BagFormat
+from ivfmc_ros.storage.bag.bag_file import FileContents
 from ivfmc_ros.storage.bag.bag_file import FileDamage
 from ivfmc_ros.storage.bag.bag_file import RawMessage
 from ivfmc_ros.storage.bag.bag_file import Topic
-from ivfmc_ros.storage.bag.decompression import decompress_message
-from ivfmc_ros.storage.bag.decompression import decompressed
-from ivfmc_ros.storage.bag.decompression import is_compressed
+from ivfmc_ros.storage.bag.decompression import content_of
+from ivfmc_ros.storage.bag.decompression import FileContent
+from ivfmc_ros.storage.bag.decompression import plain_message
 from ivfmc_ros.storage.bag.locate import find_files
 from ivfmc_ros.storage.bag.locate import is_unfinished
 from ivfmc_ros.storage.messages import cdr
@@ -40,15 +41,13 @@ class Bag:
     topics : by name
     damage : description of the damage of a bag that was opened for salvage, or None
     remarks : what was missing or damaged and did not prevent reading, damage included
-    compressed_messages : each message is compressed by itself
     """
 
     path: Path
-    files: tuple[Path, ...]
+    files: tuple[FileContent, ...]
     topics: dict[str, Topic]
     damage: str | None = None
     remarks: tuple[str, ...] = ()
-    compressed_messages: bool = False
 
     @property
     def message_count(self) -> int:
@@ -120,30 +119,29 @@ class Bag:
         """
         seen: Counter[str] = Counter()
         for file in self.files:
-            try:
-                for topic, log_time_ns, data in format_of(file).read_messages(
-                    file, topics, salvage=self.damage is not None
-                ):
-                    if topic not in self.topics:
-                        raise BagError(
-                            f'{file}: is damaged: topic {topic} is in the messages, not in the '
-                            f'index; copy the file again{_SALVAGE_ADVICE}'
-                        )
-                    if topic in topics:
-                        index = seen[topic]
-                        seen[topic] += 1
-                        content = (
-                            decompress_message(data, f'{file}: {topic}', index)
-                            if self.compressed_messages
-                            else data
-                        )
-                        yield RawMessage(
-                            topic=topic, index=index, log_time_ns=log_time_ns, data=content
-                        )
-            except FileDamage as damage:
-                raise BagError(_refusal(_damage_text(file, str(damage)))) from damage
+            with file.named_errors():
+                for topic, log_time_ns, data in self._records(file.path, topics):
+                    index = seen[topic]
+                    seen[topic] += 1
+                    plain = plain_message(data, f'{file.path}: {topic}', index)
+                    yield RawMessage(topic=topic, index=index, log_time_ns=log_time_ns, data=plain)
         if self.damage is None:
             self._require_counts(seen, topics)
+
+    def _records(self, file: Path, topics: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
+        """Yield topic, log time in nanoseconds and data of the messages of one file."""
+        salvage = self.damage is not None
+        try:
+            for record in format_of(file).read_messages(file, topics, salvage=salvage):
+                if record[0] not in self.topics:
+                    raise BagError(
+                        f'{file}: is damaged: topic {record[0]} is in the messages, not in the '
+                        f'index; copy the file again{_SALVAGE_ADVICE}'
+                    )
+                if record[0] in topics:
+                    yield record
+        except FileDamage as damage:
+            raise BagError(_refusal(_damage_text(file, str(damage)))) from damage
 
     def _require_counts(self, seen: Counter[str], topics: Collection[str]) -> None:
         for name in topics:
@@ -166,24 +164,20 @@ def open_bag(path: Path, *, salvage: bool = False) -> Bag:
     salvage : accept any damaged bag; ``Bag.damage`` describes the damage
     :raises BagError: the path is not a bag, the bag is damaged, or its encoding is not supported
     """
-    found, missing = find_files(path, compressed=True)
-    files = tuple(decompressed(file) if is_compressed(file) else file for file in found)
+    found, missing = find_files(path)
+    files = tuple(map(content_of, found))
     topics: dict[str, Topic] = {}
     damage = None
     remarks = [missing] if missing else []
     for file in files:
         # a recording that was not finished is cut off at its last chunk
-        accept = salvage or is_unfinished(file)
-        try:
-            contents = format_of(file).read_contents(file, use_index=not accept)
-            file_damage = _damage_text(file, contents.fault) if contents.fault else ''
-        except OSError as error:  # such as a recording that was renamed when it ended
-            raise BagError(f'{file}: cannot be read: {error.strerror or error}') from error
+        accept = salvage or is_unfinished(file.path)
+        contents, file_damage = _read_contents(file, accept=accept)
         if file_damage and not accept:
             raise BagError(_refusal(file_damage))
         damage = damage or file_damage or None
         if file_damage or contents.remark:
-            remarks.append(file_damage or contents.remark)
+            remarks.append(file_damage or file.named(contents.remark))
         for topic in contents.topics:
             _add(topics, topic)
     _require_cdr(path, topics)
@@ -194,9 +188,19 @@ def open_bag(path: Path, *, salvage: bool = False) -> Bag:
         topics=topics,
         damage=damage,
         remarks=tuple(remarks),
-        compressed_messages=(path / metadata.FILE_NAME).is_file()
-        and metadata.has_compressed_messages(path),
     )
+
+
+def _read_contents(file: FileContent, *, accept: bool) -> tuple[FileContents, str]:
+    """Return the topics of a file and its damage, '' where it has none."""
+    path = file.path
+    try:
+        with file.named_errors():
+            contents = format_of(path).read_contents(path, use_index=not accept)
+            damage = _damage_text(path, contents.fault) if contents.fault else ''
+    except OSError as error:  # such as a recording that was renamed when it ended
+        raise BagError(f'{file.source}: cannot be read: {error.strerror or error}') from error
+    return contents, file.named(damage)
 
 
 def _metadata_remarks(path: Path, topics: dict[str, Topic]) -> list[str]:

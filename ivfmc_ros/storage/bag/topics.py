@@ -1,10 +1,16 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Finds the topics of a scan in a bag by message type and end of the name, in any namespace."""
+"""
+Finds the topics of a scan in a bag by message type and end of the name, in any namespace.
+
+Of several that fit, the one in the namespace of the image is taken. Without a topic of the usual
+name, the only one of the type is taken, and it is said.
+"""
 
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 
 from ivfmc_ros.errors import BagError
 from ivfmc_ros.storage.bag.bag_file import Topic
@@ -34,6 +40,11 @@ _ROLES: dict[str, tuple[dict[str, str], ...]] = {
 }
 # image_transport publishes an image on its topic and, compressed, below it.
 _COMPRESSED = '/compressed'
+# Roles for which the only topic of a type is taken, whatever its name; with laser_states and
+# profile a wrong one would do harm.
+_BY_TYPE = ('image', 'camera_info', 'joint_states')
+# Names of topics of these types that have another meaning.
+_OTHERS = ('laser_states', 'stripe_image', 'stripe_image/compressed')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +65,7 @@ class ScanTopics:
 
 def find_scan_topics(bag: Bag, chosen: Mapping[str, str] | None = None) -> ScanTopics:
     """
-    Find the topics of a scan.
+    Find the topics of a scan; ``type_remarks`` says which were found by their type alone.
 
     chosen : role ('image', 'camera_info', 'joint_states', 'laser_states', 'profile') -> topic,
         as the user chose
@@ -69,11 +80,29 @@ def find_scan_topics(bag: Bag, chosen: Mapping[str, str] | None = None) -> ScanT
     image = _required(bag, 'image', chosen)
     return ScanTopics(
         image=image,
-        joint_states=_required(bag, 'joint_states', chosen),
+        joint_states=_required(bag, 'joint_states', chosen, beside=image.name),
         camera_info=_find(bag, 'camera_info', chosen, beside=image.name),
-        laser_states=_find(bag, 'laser_states', chosen),
-        profile=_find(bag, 'profile', chosen),
+        laser_states=_find(bag, 'laser_states', chosen, beside=image.name),
+        profile=_find(bag, 'profile', chosen, beside=image.name),
     )
+
+
+def type_remarks(
+    bag: Bag, topics: ScanTopics, chosen: Mapping[str, str] | None = None
+) -> list[str]:
+    """Return a remark for each topic that was neither chosen nor found by its name."""
+    remarks = []
+    for role in _BY_TYPE:
+        topic = getattr(topics, role)
+        if topic is None or role in (chosen or {}):
+            continue
+        ends = [(end, kind) for group in _ROLES[role] for end, kind in group.items()]
+        if not any(_fits(topic, end, kind) for end, kind in ends):
+            remarks.append(
+                f'{bag.path}: {topic.name} is read as {role}: it is the only topic of its type; '
+                f'another one can be chosen by --role {role}=TOPIC'
+            )
+    return remarks
 
 
 def missing_topic_error(bag: Bag, role: str) -> BagError:
@@ -85,8 +114,8 @@ def missing_topic_error(bag: Bag, role: str) -> BagError:
     )
 
 
-def _required(bag: Bag, role: str, chosen: Mapping[str, str]) -> Topic:
-    topic = _find(bag, role, chosen)
+def _required(bag: Bag, role: str, chosen: Mapping[str, str], beside: str = '') -> Topic:
+    topic = _find(bag, role, chosen, beside)
     if topic is None:
         raise missing_topic_error(bag, role)
     return topic
@@ -105,16 +134,56 @@ def _find(bag: Bag, role: str, chosen: Mapping[str, str], beside: str = '') -> T
         ]
         found = _without_copies(found)
         if beside and len(found) > 1:
-            found = [topic for topic in found if _namespace(topic.name) == _namespace(beside)]
-        if len(found) > 1:
-            names = ' and '.join(sorted(topic.name for topic in found))
-            raise BagError(
-                f'{bag.path}: {names} could each be the {role} topic; choose one by '
-                f'--role {role}={min(topic.name for topic in found)}'
-            )
+            found = _beside(found, role, beside)
+        _require_one(bag, role, found)
         if found:
             return found[0]
-    return None
+    return _find_by_type(bag, role, beside) if role in _BY_TYPE else None
+
+
+def _find_by_type(bag: Bag, role: str, beside: str) -> Topic | None:
+    """Return the only topic of the type of a role; None where there is none."""
+    types = set(_ROLES[role][0].values())
+    found = [
+        topic
+        for topic in bag.topics.values()
+        if topic.count
+        and cdr.full_name(topic.msgtype) in types
+        and not any(f'/{topic.name}'.endswith(f'/{end}') for end in _OTHERS)
+    ]
+    found = _without_copies(found)
+    if role == 'camera_info':
+        # that of another camera would be wrong
+        found = _beside(found, role, beside)
+        return found[0] if len(found) == 1 else None
+    _require_one(bag, role, found)
+    return found[0] if found else None
+
+
+def _require_one(bag: Bag, role: str, found: Sequence[Topic]) -> None:
+    """:raises BagError: several topics fit a role."""
+    if len(found) > 1:
+        names = ' and '.join(sorted(topic.name for topic in found))
+        raise BagError(
+            f'{bag.path}: {names} could each be the {role} topic; choose one by '
+            f'--role {role}={min(topic.name for topic in found)}'
+        )
+
+
+def _beside(found: list[Topic], role: str, image: str) -> list[Topic]:
+    """Return the topics of the image's camera, or those with most of the image's namespace."""
+    if role == 'camera_info':
+        return [topic for topic in found if _namespace(topic.name) == _namespace(image)]
+    shared = [_shared_parts(topic.name, image) for topic in found]
+    if not max(shared):
+        return found
+    return [topic for topic, count in zip(found, shared, strict=True) if count == max(shared)]
+
+
+def _shared_parts(name: str, image: str) -> int:
+    """Return the number of namespaces that a topic has in common with an image."""
+    pairs = zip(name.split('/')[1:-1], _namespace(image).split('/')[1:], strict=False)
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
 
 
 def _without_copies(found: Sequence[Topic]) -> list[Topic]:

@@ -29,6 +29,7 @@ from ivfmc_ros.storage.catalogue.rows import ProfileRow
 from ivfmc_ros.storage.catalogue.rows import ResultRow
 from ivfmc_ros.storage.catalogue.rows import ScanRow
 from ivfmc_ros.storage.catalogue.rows import ViewRow
+from ivfmc_ros.storage.catalogue.schema import CALIBRATIONS
 from ivfmc_ros.storage.catalogue.schema import CELLS
 from ivfmc_ros.storage.catalogue.schema import FEATURES
 from ivfmc_ros.storage.catalogue.schema import OF_A_SCAN
@@ -49,7 +50,7 @@ FILE_NAME = 'catalogue.sqlite3'
 # SQLite busy timeout, seconds: how long a transaction waits for the lock of another process.
 _BUSY_TIMEOUT_S = 15.0
 # Part of the folder of scans that stands for the name of a cell.
-_CELL_FIELD = '{cell}'
+CELL_FIELD = '{cell}'
 
 
 class Catalogue:
@@ -83,9 +84,10 @@ class Catalogue:
         url = url_of_environment() if url is None else url
         self.root = root
         self.cell = cell_of_environment(url) if cell is None else cell
-        self.path = root / FILE_NAME
+        folder = folder_of_cell(root, self.cell)
+        self.path = folder / FILE_NAME
         if create:
-            _make_folder(root)
+            _make_folder(folder)
         elif not url and not self.path.is_file():
             raise CatalogueError(
                 f'{self.path}: does not exist; no scan was recorded in this folder'
@@ -127,13 +129,14 @@ class Catalogue:
         *,
         part: str,
         recipe: str,
+        cell: str | None = None,
     ) -> int:
-        """Insert the row of a scan of this cell, and return its key."""
+        """Insert the row of a scan, of this cell by default, and return its key."""
         row = {
             'verdict': '',
             'deleted': '',
             **values,
-            'cell': self._name(connection, CELLS, self.cell),
+            'cell': self._name(connection, CELLS, self.cell if cell is None else cell),
             'part': self._name(connection, PARTS, part),
             'recipe': self._name(connection, RECIPES, recipe),
         }
@@ -172,8 +175,6 @@ class Catalogue:
 
         :raises CatalogueError: the scan does not exist, or has another profile of that seq
         """
-        if not locations:
-            return
         key = self.scan(scan_id).key
         with self.database.write() as connection:
             self.insert_profiles(connection, key, locations)
@@ -182,6 +183,8 @@ class Catalogue:
         self, connection: sql.engine.Connection, key: int, locations: Sequence[ProfileLocation]
     ) -> None:
         """:raises CatalogueError: the scan has another profile of a seq."""
+        if not locations:
+            return
         rows = {location.header.seq: _profile_values(key, location) for location in locations}
         # an update whose answer was lost with the connection is repeated
         known = connection.execute(
@@ -237,6 +240,11 @@ class Catalogue:
         """Return all scans that are not deleted, by time of creation."""
         order = SCANS.c.created, SCANS.c.scan_id
         rows = self._select(_scan_query().where(SCANS.c.deleted == '').order_by(*order))
+        return [self._scan_row(row) for row in rows]
+
+    def scans_of(self, scan_id: str) -> list[ScanRow]:
+        """Return the scans of an id, deleted ones too; several cells may have one each."""
+        rows = self._select(_scan_query().where(SCANS.c.scan_id == scan_id))
         return [self._scan_row(row) for row in rows]
 
     def find(self, wanted: ScanFilter) -> list[FoundScan]:
@@ -319,7 +327,7 @@ class Catalogue:
         folder, cell = PurePath(values['folder']), values['cell']
         is_inside = folder.parts and not folder.is_absolute() and '..' not in folder.parts
         is_name = '/' not in cell and cell not in ('.', '..')
-        if not is_inside or (_CELL_FIELD in str(self.root) and not is_name):
+        if not is_inside or (CELL_FIELD in str(self.root) and not is_name):
             raise CatalogueError(
                 f'{self.database.label}: scan {values["scan_id"]!r}: its folder '
                 f'{values["folder"]!r} of cell {cell!r} is not below {self.root}'
@@ -347,7 +355,7 @@ class Catalogue:
 
 def folder_of_cell(root: Path, cell: str) -> Path:
     """Return the folder of the scans of a cell: ``{cell}`` in ``root`` is its name."""
-    return Path(str(root).replace(_CELL_FIELD, cell))
+    return Path(str(root).replace(CELL_FIELD, cell))
 
 
 def _scan_query() -> Any:
@@ -355,6 +363,7 @@ def _scan_query() -> Any:
     return sql.select(
         *(SCANS.c[name] for name in names),
         SCANS.c.deleted,
+        sql.func.coalesce(CALIBRATIONS.c.sha256, '').label('calibration'),
         CELLS.c.name.label('cell'),
         PARTS.c.name.label('part'),
         RECIPES.c.name.label('recipe'),

@@ -16,6 +16,7 @@ class ScanRow:
     key : its number in the database
     created : ISO 8601 in UTC
     verdict : of the last inspection, '' without one
+    calibration : SHA-256 of its cell.yaml, '' where it is not known
     folder : has its files
     deleted : when it was moved to the trash, '' where it was not
     """
@@ -29,6 +30,7 @@ class ScanRow:
     stage: str
     code: str
     verdict: str
+    calibration: str
     folder: Path
     parameters: Mapping[str, Any]
     deleted: str = ''

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Finds scans by part, recipe, cell, date, code, verdict and measured feature."""
+"""Finds scans by part, recipe, cell, date, code, verdict, calibration and measured feature."""
 
 from collections.abc import Mapping
 from collections.abc import Sequence
@@ -11,6 +11,7 @@ import sqlalchemy as sql
 
 from ivfmc_ros.storage.catalogue.rows import FeatureRow
 from ivfmc_ros.storage.catalogue.rows import FoundScan
+from ivfmc_ros.storage.catalogue.schema import CALIBRATIONS
 from ivfmc_ros.storage.catalogue.schema import CELLS
 from ivfmc_ros.storage.catalogue.schema import FEATURES
 from ivfmc_ros.storage.catalogue.schema import PARTS
@@ -30,6 +31,7 @@ class ScanFilter:
 
     since, until : ISO 8601 in UTC; ``until`` is excluded
     verdict : of the last inspection
+    calibration : first digits of the SHA-256 of cell.yaml
     feature, characteristic : only scans whose last inspection measured them, such as 'hole 3' and
         'diameter'; each value is one row
     deleted : scans in the trash instead of the others
@@ -41,6 +43,7 @@ class ScanFilter:
     cell: str = ''
     code: str = ''
     verdict: str = ''
+    calibration: str = ''
     since: str = ''
     until: str = ''
     feature: str = ''
@@ -80,11 +83,12 @@ def _query(wanted: ScanFilter) -> Any:
 
 
 def joined_scans() -> Any:
-    """Return the table of scans with the names of cell, part and recipe."""
+    """Return the table of scans with the names of cell, part and recipe, and the calibration."""
     return (
         SCANS.join(CELLS, SCANS.c.cell == CELLS.c.id)
         .join(PARTS, SCANS.c.part == PARTS.c.id)
         .join(RECIPES, SCANS.c.recipe == RECIPES.c.id)
+        .outerjoin(CALIBRATIONS, SCANS.c.calibration == CALIBRATIONS.c.id)
     )
 
 
@@ -100,6 +104,8 @@ def _conditions(wanted: ScanFilter) -> list[Any]:
         equal[FEATURES.c.feature] = wanted.feature
         equal[FEATURES.c.characteristic] = wanted.characteristic
     found: list[Any] = [column == value for column, value in equal.items() if value]
+    if wanted.calibration:
+        found.append(CALIBRATIONS.c.sha256.startswith(wanted.calibration, autoescape=True))
     if wanted.since:
         found.append(SCANS.c.created >= wanted.since)
     if wanted.until:

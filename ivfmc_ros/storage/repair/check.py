@@ -25,6 +25,9 @@ from ivfmc_ros.errors import MessageError
 from ivfmc_ros.storage.bag import mcap_file
 from ivfmc_ros.storage.bag import metadata
 from ivfmc_ros.storage.bag import sqlite_file
+from ivfmc_ros.storage.bag.decompression import content_of
+from ivfmc_ros.storage.bag.decompression import FileContent
+from ivfmc_ros.storage.bag.decompression import SUFFIXES
 from ivfmc_ros.storage.bag.locate import find_files
 from ivfmc_ros.storage.bag.locate import is_unfinished
 from ivfmc_ros.storage.bag.reader import format_of
@@ -53,6 +56,7 @@ class FileCheck:
     """
     What one file of a recording has.
 
+    content : of the file; one that is compressed as a whole was decompressed
     chunks, unchecked : number of intact chunks, and of those of them without a CRC
     loose : number of messages outside of chunks, which have no CRC of their own
     messages : number of readable messages by topic
@@ -65,6 +69,7 @@ class FileCheck:
     """
 
     path: Path
+    content: FileContent
     chunks: int = 0
     unchecked: int = 0
     loose: int = 0
@@ -177,9 +182,9 @@ def _without_metadata(folder: Path) -> tuple[Path, ...]:
     """Return the files of a folder whose metadata.yaml cannot be used."""
     if not folder.is_dir() or not (folder / metadata.FILE_NAME).exists():
         return ()
-    found = (
-        sorted(folder.glob(pattern)) for pattern in ('*.mcap', '*.mcap.part', '*.db3', '*.bag')
-    )
+    plain = ('*.mcap', '*.mcap.part', '*.db3', '*.bag')
+    compressed = (f'{pattern}{end}' for pattern in plain for end in SUFFIXES)
+    found = (sorted(folder.glob(pattern)) for pattern in (*plain, *compressed))
     return tuple(next(filter(None, found), ()))
 
 
@@ -198,19 +203,20 @@ def check_file(file: Path) -> FileCheck:
 
     :raises BagError: it cannot be read, or is not of a bag
     """
-    found = format_of(file)
-    if found is not mcap_file:
-        faults = sqlite_file.structure_faults(file) if found is sqlite_file else []
-        return _check_other_format(file, faults)
-    channels, schemas = known_channels(file)
-    reading = _Reading(channels, schemas)
-    for part in read_parts(file):
-        reading.add(part)
-    return reading.result(file)
+    content = content_of(file)
+    with content.named_errors():
+        found = format_of(content.path)
+        if found is not mcap_file:
+            faults = sqlite_file.structure_faults(content.path) if found is sqlite_file else []
+            return _check_other_format(content, list(map(content.named, faults)))
+        reading = _Reading(*known_channels(content.path))
+        for part in read_parts(content.path):
+            reading.add(part)
+        return reading.result(content)
 
 
-def _check_other_format(file: Path, faults: list[str]) -> FileCheck:
-    bag = open_bag(file, salvage=True)
+def _check_other_format(content: FileContent, faults: list[str]) -> FileCheck:
+    bag = open_bag(content.source, salvage=True)
     decoders = {
         name: bag.decoder(name)
         for name, topic in bag.topics.items()
@@ -224,7 +230,8 @@ def _check_other_format(file: Path, faults: list[str]) -> FileCheck:
         if header is not None:
             headers[header.seq] = header
     return FileCheck(
-        path=file,
+        path=content.source,
+        content=content,
         messages=dict(counts),
         loose=counts.total(),
         faults=tuple(filter(None, [bag.damage, *faults])),
@@ -280,19 +287,20 @@ class _Reading:
         if header is not None:
             self._headers[header.seq] = header
 
-    def result(self, file: Path) -> FileCheck:
-        stated, index = _stated(file, self._channels)
+    def result(self, content: FileContent) -> FileCheck:
+        stated, index = _stated(content.path, self._channels)
         lost = {}
         for topic in sorted({*self._counts, *stated}):
             whole = max(stated.get(topic, 0), self._sequences[topic] if self._is_ours else 0)
             if whole > self._counts[topic]:
                 lost[topic] = whole - self._counts[topic]
         return FileCheck(
-            path=file,
+            path=content.source,
+            content=content,
             messages=dict(self._counts),
             lost=lost,
             damaged=tuple(self._damaged),
-            index=index,
+            index=content.named(index),
             profiles=self._headers,
             chunks=self._parts['chunks'],
             unchecked=self._parts['unchecked'],

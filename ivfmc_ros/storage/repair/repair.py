@@ -4,7 +4,8 @@
 Repairs a recording that was interrupted or damaged: all intact chunks, a new index, metadata.yaml.
 
 The messages are copied to a new file, which gets its name when it is complete. The original stays
-beside it: ``scan.mcap.damaged``, or ``scan.mcap.part`` of a recording that was not finished.
+beside it: ``scan.mcap.damaged``, or ``scan.mcap.part`` of a recording that was not finished. Files
+that were compressed as a whole become plain ones, all of a bag: metadata.yaml has one compression.
 """
 
 from collections.abc import Mapping
@@ -22,6 +23,8 @@ from ivfmc_ros.storage.bag.copying import CopiedFile
 from ivfmc_ros.storage.bag.copying import copy_file
 from ivfmc_ros.storage.bag.copying import describe_file
 from ivfmc_ros.storage.bag.copying import merged_topics
+from ivfmc_ros.storage.bag.decompression import is_compressed
+from ivfmc_ros.storage.bag.decompression import plain_name
 from ivfmc_ros.storage.bag.locate import is_unfinished
 from ivfmc_ros.storage.bag.locate import PART_SUFFIX
 from ivfmc_ros.storage.bag.reader import format_of
@@ -65,25 +68,25 @@ def repair_recording(
     if check.is_sound:
         return RepairedRecording(before=check, written=(), kept=())
     for file in check.files:
-        _require_mcap(file.path)
+        _require_mcap(file)
         _require_ended(file.path)
     written: list[Path] = []
     kept: list[Path] = []
     copies = []
     for file in check.files:
-        copy = describe_file(file.path) if file.is_sound else _repair_file(file, written, kept)
-        copies.append(copy)
+        is_left = file.is_sound and not is_compressed(file.path)
+        copies.append(describe_file(file.path) if is_left else _copy(file, written, kept))
     if path.is_dir() or any(is_unfinished(file.path) for file in check.files):
         _write_metadata(written, kept, path if path.is_dir() else path.parent, copies)
     return RepairedRecording(before=check, written=tuple(written), kept=tuple(kept))
 
 
-def _require_mcap(file: Path) -> None:
+def _require_mcap(file: FileCheck) -> None:
     """:raises FileError: a file is of a format that is only read."""
-    if format_of(file) is not mcap_file:
+    if format_of(file.content.path) is not mcap_file:
         raise FileError(
-            f'{file}: only MCAP is repaired; ivfmc reconstruct --salvage reads what is intact, '
-            'ros2 bag reindex writes metadata.yaml'
+            f'{file.path}: only MCAP is repaired; ivfmc reconstruct --salvage reads what is '
+            'intact, ros2 bag reindex writes metadata.yaml'
         )
 
 
@@ -99,19 +102,15 @@ def _require_ended(file: Path) -> None:
         return
 
 
-def _repair_file(check: FileCheck, written: list[Path], kept: list[Path]) -> CopiedFile:
+def _copy(check: FileCheck, written: list[Path], kept: list[Path]) -> CopiedFile:
+    """Write a file with the intact messages of another one, which is kept."""
     source = check.path
-    target = source
-    if is_unfinished(source):
-        target = source.with_name(source.name.removesuffix(PART_SUFFIX))
-        if target.exists():
-            raise FileError(f'{target}: exists already and is not overwritten')
+    target = source.with_name(plain_name(source).removesuffix(PART_SUFFIX))
+    if target != source and target.exists():
+        raise FileError(f'{target}: exists already and is not overwritten')
     with files.atomic_file(target) as temporary:
-        copy = copy_file(source, temporary, target.name)
-        if target == source:
-            kept.append(_keep(source))
-        else:
-            kept.append(source)
+        copy = copy_file(check.content.path, temporary, target.name)
+        kept.append(_keep(source) if target == source else source)
     written.append(target)
     return copy
 

@@ -25,6 +25,7 @@ from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.bag.topics import find_scan_topics
 from ivfmc_ros.storage.bag.topics import missing_topic_error
 from ivfmc_ros.storage.bag.topics import ScanTopics
+from ivfmc_ros.storage.bag.topics import type_remarks
 from ivfmc_ros.storage.matching.clock_offset import clock_text
 from ivfmc_ros.storage.matching.clock_offset import clocks_differ
 from ivfmc_ros.storage.matching.frame_matching import FrameMatch
@@ -154,7 +155,7 @@ def open_scan(  # noqa: PLR0913 - one argument for each thing that a foreign bag
     lasers : names, in the order of the cell; without laser_states exactly one, always on
     camera : replaces the one in camera_info
     topics : role ('image', 'camera_info', 'joint_states', 'laser_states') -> topic, where it
-        is not found by its name or several topics fit
+        is not found by its name or its type, or several topics fit
     matching : which images become frames; None: those that became profiles in the recording, in
         the same views, where the bag has profiles
     taken : how the images were taken (dark frames, several exposures), without ``matching``
@@ -179,7 +180,7 @@ def open_scan(  # noqa: PLR0913 - one argument for each thing that a foreign bag
     matches = _match(lasers, settings, (joint_history, laser_history), stamps)
     if matching is None and not received:
         matches = _as_recorded_profiles(matches, messages['profile'])
-    said = _recording_remarks(bag, scan_topics, messages, camera)
+    said = _recording_remarks(bag, scan_topics, messages, camera, topics)
     table_remarks = _table_remarks(joint_history.remarks(joint), ahead_s, where)
     return ScanBag(
         path=path,
@@ -334,14 +335,19 @@ def _recorded_camera(bag: Bag, topics: ScanTopics, messages: Mapping[str, list[A
 
 
 def _recording_remarks(
-    bag: Bag, topics: ScanTopics, messages: Mapping[str, list[Any]], given: Camera | None
+    bag: Bag,
+    topics: ScanTopics,
+    messages: Mapping[str, list[Any]],
+    given: Camera | None,
+    chosen: Mapping[str, str] | None,
 ) -> tuple[str, ...]:
-    """Return the remarks on the files, and that on the camera where it is the recorded one."""
+    """Return the remarks on files and topics, and on the camera where it is the recorded one."""
+    remarks = (*bag.remarks, *type_remarks(bag, topics, chosen))
     if given is not None or topics.camera_info is None:
-        return bag.remarks
+        return remarks
     text = distortion_remark(messages['camera_info'][0])
     where = f'{bag.path}: {topics.camera_info.name}'
-    return (*bag.remarks, f'{where}: {text}') if text else bag.remarks
+    return (*remarks, f'{where}: {text}') if text else remarks
 
 
 def _dark_stamp_ns(match: FrameMatch) -> int | None:

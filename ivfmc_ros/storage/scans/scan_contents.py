@@ -56,6 +56,17 @@ def scan_contents(folder: Path) -> ScanContents:
     return ScanContents(views=views, poses=_poses(bag, views), samples=_samples(bag))
 
 
+def registered_views(folder: Path) -> tuple[list[View], Poses]:
+    """
+    Read the views of a scan and their poses, without images.
+
+    :raises BagError, MessageError: as ``scan_contents``
+    """
+    bag = open_bag(folder)
+    views = _views(bag)
+    return views, _poses(bag, views)
+
+
 def _topic_with_messages(bag: Bag, end: str) -> str | None:
     found = [
         name for name, topic in bag.topics.items() if name.endswith(f'/{end}') and topic.count

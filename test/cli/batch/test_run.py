@@ -8,12 +8,14 @@ import pytest
 from support.synthetic import small_cell
 from support.synthetic import Sphere
 from support.synthetic import sphere_frames
+import zstandard
 
 from ivfmc_ros.cell.cell_file import save_cell
 from ivfmc_ros.cli.reconstruct import reconstruct
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.storage.bag.writer import create_bag
+from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 
 CELL = small_cell()
 SPHERE = Sphere(np.array([0.008, -0.005, 0.04]), 0.025)
@@ -68,6 +70,35 @@ def test_one_bag_that_fails_does_not_end_the_others_and_nothing_is_done_twice(ba
         in (json.loads((output / 'batch_summary.json').read_text())[1]['detail'])
     )
     assert mesh.stat().st_mtime_ns == made
+
+
+def test_results_of_scan_folders_are_in_their_catalogue_once(bags, tmp_path):
+    catalogue = Catalogue(bags, create=True)
+    try:
+        catalogue.add_scan('sphere', 'ball', '', 'DONE', {})
+        for _ in range(2):
+            run(bags, tmp_path / 'results')
+        [result] = catalogue.results('sphere')
+        assert result.folder == tmp_path / 'results' / 'sphere'
+        assert result.summary['counts']['faces'] > 100
+    finally:
+        catalogue.close()
+        catalogue.path.unlink()
+
+
+def test_compressed_bags_have_names_of_their_own(bags, tmp_path):
+    [plain] = (bags / 'sphere').glob('*.mcap')
+    packed = bags / 'ball.mcap.zstd'
+    packed.write_bytes(zstandard.ZstdCompressor().compress(plain.read_bytes()))
+    try:
+        options = ['--cell', str(bags / 'cell.yaml'), '-o', str(tmp_path / 'results')]
+        sources = [str(packed), str(bags / 'sphere')]
+        answer = CliRunner().invoke(reconstruct, [*sources, *options])
+    finally:
+        packed.unlink()
+    assert answer.exit_code == 0, answer.exception
+    meshes = [tmp_path / 'results' / name / 'mesh.stl' for name in ('ball', 'sphere')]
+    assert meshes[0].read_bytes() == meshes[1].read_bytes()
 
 
 def test_two_sources_of_one_name_are_refused(bags, tmp_path):

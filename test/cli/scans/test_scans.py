@@ -7,6 +7,7 @@ import zipfile
 
 import cv2
 import pytest
+from support.recordings import write_profiles
 
 from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.errors import FileError
@@ -180,6 +181,15 @@ def test_catalogue_is_rebuilt_from_the_bags_alone(recorded, command):
     assert command('list', '--scans', recorded, '--feature', 'hole 3', '--json').output == after
 
 
+def test_scan_without_a_profile_is_rebuilt(recorded, command):
+    # it ended before the first one
+    write_profiles(recorded / 'empty', [], per_chunk=1)
+    answer = command('rebuild', '--scans', recorded, '--json')
+    assert answer.exit_code == 0, answer.exception
+    counts = {row['scan_id']: row['profiles'] for row in json.loads(answer.stdout)}
+    assert (counts['empty'], counts[FIRST]) == (0, 12)
+
+
 def test_scan_goes_to_another_machine_as_one_file(recorded, command, tmp_path):
     package, other = tmp_path / 'scan.zip', tmp_path / 'other'
     assert command('export', FIRST, '--scans', recorded, '-o', package).exit_code == 0
@@ -194,6 +204,16 @@ def test_scan_goes_to_another_machine_as_one_file(recorded, command, tmp_path):
     assert isinstance(
         command('export', FIRST, '--scans', recorded, '-o', package).exception, FileError
     )
+
+
+def test_scan_in_the_trash_is_not_imported_over(recorded, command, tmp_path):
+    package = tmp_path / 'scan.zip'
+    command('export', FIRST, '--scans', recorded, '-o', package)
+    command('delete', FIRST, '--yes', '--scans', recorded)
+    answer = command('import', package, '--scans', recorded)
+    assert isinstance(answer.exception, FileError)
+    assert f'{FIRST}: is in the trash' in str(answer.exception)
+    assert command('restore', FIRST, '--scans', recorded).exit_code == 0
 
 
 def rewritten(package, target, change):

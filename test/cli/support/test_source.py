@@ -81,3 +81,16 @@ def test_role_without_a_topic_is_refused():
 def test_part_that_does_not_exist_is_no_scan_id():
     with pytest.raises(FileError, match='no such bag'):
         bag_of('scan.mcap.part')
+
+
+@pytest.mark.parametrize('name', ['bag.mcap.zstd', 'scans/s1', 'bag_0.db3.zst'])
+def test_missing_bag_is_not_taken_for_a_scan(name):
+    with pytest.raises(FileError, match='there is no such bag'):
+        bag_of(name)
+
+
+def test_cell_before_a_scan_id_is_that_of_a_plant(monkeypatch):
+    monkeypatch.setenv('IVFMC_CATALOGUE', 'postgresql+psycopg://db/ivfmc')
+    assert bag_of('cell07/s1') is None
+    with pytest.raises(FileError, match='there is no such bag'):
+        bag_of('scans/cell07/s1')

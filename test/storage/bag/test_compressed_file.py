@@ -5,17 +5,12 @@ from rosbags.rosbag2 import CompressionFormat
 from rosbags.rosbag2 import CompressionMode
 from rosbags.rosbag2 import StoragePlugin
 from support.foreign_bags import write_rosbag2
+from support.recordings import messages_of
 import yaml
 import zstandard
 
 from ivfmc_ros.errors import BagError
-from ivfmc_ros.storage.bag.locate import find_files
 from ivfmc_ros.storage.bag.reader import open_bag
-
-
-def contents(path, **options):
-    bag = open_bag(path, **options)
-    return [(raw.topic, raw.log_time_ns, raw.data) for raw in bag.messages(list(bag.topics))]
 
 
 @pytest.mark.parametrize('storage', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
@@ -24,7 +19,7 @@ def test_bag_that_rosbag2_compressed_is_read(write_bag, tmp_path, storage, mode)
     source = write_bag(count=4)
     target = tmp_path / 'packed'
     write_rosbag2(source, target, storage=storage, compression=(mode, CompressionFormat.ZSTD))
-    assert sorted(contents(target)) == sorted(contents(source))
+    assert sorted(messages_of(target)) == sorted(messages_of(source))
 
 
 @pytest.fixture
@@ -39,34 +34,36 @@ def compressed(write_bag, tmp_path):
 
 def test_file_that_is_compressed_as_a_whole_is_read(compressed):
     file, source = compressed
-    assert contents(file) == contents(source)
+    assert messages_of(file) == messages_of(source)
 
 
 def test_file_that_was_replaced_is_read_again(compressed, write_bag):
     file, _ = compressed
-    contents(file)
+    messages_of(file)
     other = write_bag(count=3, name='other')
     [plain] = other.glob('*.mcap')
     file.write_bytes(zstandard.ZstdCompressor().compress(plain.read_bytes()))
-    assert contents(file) == contents(other)
+    assert messages_of(file) == messages_of(other)
 
 
 def test_compressed_file_that_ends_early_is_refused_or_salvaged(compressed):
     file, source = compressed
     data = file.read_bytes()
     file.write_bytes(data[: len(data) // 2])
-    with pytest.raises(BagError, match='is cut off'):
-        contents(file)
-    salvaged = contents(file, salvage=True)
-    assert 0 < len(salvaged) < len(contents(source))
-    assert set(salvaged) <= set(contents(source))
+    with pytest.raises(BagError, match=r'bag_0\.mcap\.zstd: the file is cut off') as caught:
+        messages_of(file)
+    # the file that the user named, not its copy
+    assert str(caught.value).startswith(str(file))
+    salvaged = messages_of(file, salvage=True)
+    assert 0 < len(salvaged) < len(messages_of(source))
+    assert set(salvaged) <= set(messages_of(source))
 
 
 def test_compressed_file_without_a_whole_block_is_named(compressed):
     file, _ = compressed
     file.write_bytes(file.read_bytes()[:8])
     with pytest.raises(BagError, match=r'cannot be decompressed by zstd \(it ends early\)'):
-        contents(file, salvage=True)
+        messages_of(file, salvage=True)
 
 
 def test_file_that_is_not_of_zstd_is_named(tmp_path):
@@ -81,7 +78,7 @@ def test_damaged_message_is_named(write_bag, tmp_path):
     mode = (CompressionMode.MESSAGE, CompressionFormat.ZSTD)
     write_rosbag2(source, target, storage=StoragePlugin.MCAP, compression=mode, cut=3)
     with pytest.raises(BagError, match=r'message 0 cannot be decompressed by zstd \(it ends'):
-        contents(target)
+        messages_of(target)
 
 
 @pytest.mark.parametrize(('mode', 'method'), [('file', 'xz'), ('stream', 'zstd')])
@@ -96,8 +93,20 @@ def test_other_compression_is_refused_by_name(write_bag, mode, method):
         open_bag(folder)
 
 
-def test_compressed_file_is_no_file_to_repair_or_to_copy(compressed):
+def test_copy_is_removed_with_the_last_bag_that_reads_it(compressed):
     file, _ = compressed
-    for path in (file, file.parent):
-        with pytest.raises(BagError, match=r'bag_0\.mcap\.zstd: is compressed as a whole'):
-            find_files(path)
+    first, second = open_bag(file), open_bag(file)
+    [copy] = {read.path for bag in (first, second) for read in bag.files}
+    assert copy.exists()
+    del first
+    assert copy.exists()
+    del second
+    assert not copy.parent.exists()
+
+
+def test_message_that_is_compressed_by_itself_is_read_without_metadata(write_bag, tmp_path):
+    source, target = write_bag(count=4), tmp_path / 'packed'
+    mode = (CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+    write_rosbag2(source, target, storage=StoragePlugin.MCAP, compression=mode)
+    [file] = target.glob('*.mcap')
+    assert sorted(messages_of(file)) == sorted(messages_of(source))

@@ -10,6 +10,7 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import get_typestore
 from rosbags.typesys import Stores
 from support.foreign_bags import write_ros1
+from support.recordings import messages_of
 from support.table_transform import transforms
 
 from ivfmc_ros.errors import BagError
@@ -21,18 +22,12 @@ IMAGE = '/ivfmc/image_raw'
 
 
 @pytest.fixture
-def ours(write_bag):
-    return write_bag(count=6)
-
-
-@pytest.fixture
 def theirs(ours, tmp_path):
     return write_ros1(ours, tmp_path / 'theirs.bag')
 
 
 def _images(path, **options):
-    bag = open_bag(path, **options)
-    return [(raw.log_time_ns, raw.data) for raw in bag.messages([IMAGE])]
+    return [message for message in messages_of(path, **options) if message[0] == IMAGE]
 
 
 @pytest.mark.parametrize('compression', [None, 'bz2', 'lz4'])
@@ -76,7 +71,7 @@ def test_folder_of_one_ros1_bag_is_read(theirs):
     folder = theirs.parent / 'recorded'
     folder.mkdir()
     theirs.rename(folder / theirs.name)
-    assert open_scan(folder).frame_count == 6
+    assert open_scan(folder).frame_count == 12
 
 
 @pytest.mark.parametrize('name', ['tf2_msgs/msg/TFMessage', 'tf/msg/tfMessage'])

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from support.foreign_bags import split_sqlite
 from support.foreign_bags import write_sqlite
+from support.recordings import messages_of
 
 from ivfmc_ros.errors import BagError
 from ivfmc_ros.storage.bag.reader import open_bag
@@ -18,16 +19,6 @@ from ivfmc_ros.storage.scans.scan_bag import open_scan
 
 IMAGE = '/ivfmc/image_raw'
 PAGE = 4096
-
-
-def _messages(path, **options):
-    bag = open_bag(path, **options)
-    return [(raw.topic, raw.log_time_ns, raw.data) for raw in bag.messages(list(bag.topics))]
-
-
-@pytest.fixture
-def ours(write_bag):
-    return write_bag(count=12)
 
 
 @pytest.fixture
@@ -41,7 +32,7 @@ def theirs(ours, tmp_path):
 def test_sqlite_bag_is_the_mcap_bag_of_its_messages(ours, tmp_path, form, definitions):
     file = write_sqlite(ours, tmp_path / 'theirs', definitions=definitions)
     path = file if form == 'file' else file.parent
-    assert _messages(path) == _messages(ours)
+    assert messages_of(path) == messages_of(ours)
     bag = open_bag(path)
     assert bag.remarks == ()
     assert bool(bag.topic(IMAGE).definition) is definitions
@@ -55,7 +46,7 @@ def test_files_of_a_split_recording_are_one_bag(ours, tmp_path, listed):
     folder = split_sqlite(ours, tmp_path / 'theirs', at=7)
     if not listed:
         (folder / 'metadata.yaml').unlink()
-    assert _messages(folder) == _messages(ours)
+    assert messages_of(folder) == messages_of(ours)
     said = f'{folder}: has no metadata.yaml; theirs_0.db3, theirs_1.db3 is read without it'
     assert open_bag(folder).remarks == (() if listed else (said,))
 
@@ -65,19 +56,19 @@ def test_file_that_is_cut_off_is_refused_and_salvaged(ours, theirs):
     theirs.write_bytes(theirs.read_bytes()[: theirs.stat().st_size * 3 // 4 + 500])
     with pytest.raises(BagError, match=r'theirs\.db3: the file is cut off; (\d+) messages can'):
         open_bag(theirs)
-    left, whole = _messages(theirs, salvage=True), _messages(ours)
+    left, whole = messages_of(theirs, salvage=True), messages_of(ours)
     assert 0 < len(left) < len(whole)
     assert left == whole[: len(left)]
 
 
 def test_file_cut_anywhere_is_never_read_as_whole(ours, theirs):
-    content, whole = theirs.read_bytes(), _messages(ours)
+    content, whole = theirs.read_bytes(), messages_of(ours)
     for keep in range(16, len(content), 1021):
         theirs.write_bytes(content[:keep])
         with pytest.raises(BagError, match=r'theirs\.db3: '):
             open_bag(theirs)
         try:
-            assert set(_messages(theirs, salvage=True)) <= set(whole)
+            assert set(messages_of(theirs, salvage=True)) <= set(whole)
         except BagError as error:
             # tables are lost
             assert 'its topics cannot be read' in str(error)
@@ -95,7 +86,7 @@ def test_flipped_bits_end_in_a_named_error_or_in_messages(theirs):
         theirs.write_bytes(data)
         for salvage in (False, True):
             try:
-                _messages(theirs, salvage=salvage)
+                messages_of(theirs, salvage=salvage)
             except BagError as error:
                 assert str(theirs) in str(error)
                 found += 1
@@ -103,7 +94,7 @@ def test_flipped_bits_end_in_a_named_error_or_in_messages(theirs):
 
 
 def test_messages_behind_the_damage_are_salvaged(ours, theirs):
-    whole = _messages(ours)
+    whole = messages_of(ours)
     images = [message for message in whole if message[0] == IMAGE]
     content = bytearray(theirs.read_bytes())
     # the page that holds the end of the third image
@@ -111,8 +102,8 @@ def test_messages_behind_the_damage_are_salvaged(ours, theirs):
     content[start : start + 4] = b'\xff\xff\xff\xff'
     theirs.write_bytes(content)
     with pytest.raises(BagError, match=r'theirs\.db3: the file is damaged .*; (\d+) messages'):
-        _messages(theirs)
-    left = _messages(theirs, salvage=True)
+        messages_of(theirs)
+    left = messages_of(theirs, salvage=True)
     assert images[2] not in left
     assert len(whole) - 8 < len(left) < len(whole)
     assert [message for message in whole if message in left] == left
@@ -134,14 +125,14 @@ def test_messages_in_the_log_of_a_running_recorder_are_read(ours, theirs):
             f'INSERT INTO messages ({columns}) SELECT {columns} FROM messages WHERE id = 1'
         )
         assert (theirs.parent / 'theirs.db3-wal').stat().st_size
-        assert _messages(theirs) == [*_messages(ours), _messages(ours)[0]]
+        assert messages_of(theirs) == [*messages_of(ours), messages_of(ours)[0]]
 
 
 def test_reading_leaves_no_trace(theirs):
     with closing(sqlite3.connect(theirs, isolation_level=None)) as recorder:
         recorder.execute('PRAGMA journal_mode=WAL')
     before = {path.name: path.read_bytes() for path in theirs.parent.iterdir()}
-    _messages(theirs)
+    messages_of(theirs)
     assert {path.name: path.read_bytes() for path in theirs.parent.iterdir()} == before
 
 
@@ -177,8 +168,8 @@ def test_row_that_is_no_message_is_named(theirs, change, problem):
         database.execute(change)
         database.commit()
     with pytest.raises(BagError, match=problem):
-        _messages(theirs)
-    assert len(_messages(theirs, salvage=True)) >= 4
+        messages_of(theirs)
+    assert len(messages_of(theirs, salvage=True)) >= 4
 
 
 def test_memory_does_not_grow_with_the_file(tmp_path):

@@ -9,6 +9,7 @@ from ivfmc_ros.errors import BagError
 from ivfmc_ros.storage.bag.bag_file import Topic
 from ivfmc_ros.storage.bag.reader import Bag
 from ivfmc_ros.storage.bag.topics import find_scan_topics
+from ivfmc_ros.storage.bag.topics import type_remarks
 
 IMAGE = 'sensor_msgs/msg/Image'
 SCAN = {
@@ -44,7 +45,7 @@ def test_compressed_images_are_found():
     assert find_scan_topics(_bag(topics)).image.name == '/c/image_raw/compressed'
 
 
-def test_name_alone_or_type_alone_is_not_enough():
+def test_name_of_another_type_or_a_longer_name_does_not_count():
     topics = {
         **SCAN,
         '/x/joint_states': 'std_msgs/msg/String',
@@ -79,6 +80,62 @@ def test_image_that_was_recorded_twice_is_read_once(fewer, expected):
 def test_two_cameras_are_both_named_with_the_option():
     topics = {**SCAN, '/left/image_raw': IMAGE, '/left/image_raw/compressed': COMPRESSED}
     with pytest.raises(BagError, match=r'/image_raw and /left/image_raw could each .* --role im'):
+        find_scan_topics(_bag(topics))
+
+
+def test_topics_are_those_in_the_namespace_of_the_chosen_image():
+    lasers = '/laser_states'
+    names = {'/cam/image_raw': IMAGE, '/cam/camera_info': INFO, lasers: SCAN['/joint_states']}
+    names['/joint_states'] = SCAN['/joint_states']
+    topics = {f'/{cell}{name}': kind for cell in 'ab' for name, kind in names.items()}
+    with pytest.raises(BagError, match='/a/cam/image_raw and /b/cam/image_raw could each'):
+        find_scan_topics(_bag(topics))
+    roles = find_scan_topics(_bag(topics), {'image': '/b/cam/image_raw'})
+    assert roles.joint_states.name == '/b/joint_states'
+    assert roles.camera_info.name == '/b/cam/camera_info'
+    assert roles.laser_states.name == '/b/laser_states'
+
+
+def test_topics_that_no_namespace_tells_apart_are_named():
+    topics = {**SCAN, '/robot/joint_states': SCAN['/joint_states']}
+    with pytest.raises(BagError, match='/joint_states and /robot/joint_states could each'):
+        find_scan_topics(_bag(topics))
+
+
+def test_only_topic_of_a_type_is_found_and_said():
+    topics = {
+        '/cam/mono': IMAGE,
+        '/cam/mono/compressed': COMPRESSED,
+        '/cam/calibration': INFO,
+        '/table': SCAN['/joint_states'],
+        '/laser_states': SCAN['/joint_states'],
+        '/stripe_image/compressed': COMPRESSED,
+    }
+    bag = _bag(topics)
+    roles = find_scan_topics(bag)
+    assert (roles.image.name, roles.joint_states.name) == ('/cam/mono', '/table')
+    assert (roles.camera_info.name, roles.laser_states.name) == (
+        '/cam/calibration',
+        '/laser_states',
+    )
+    said = type_remarks(bag, roles)
+    assert len(said) == 3
+    assert '/cam/mono is read as image: it is the only topic of its type' in said[0]
+    chosen = {'image': '/cam/mono', 'camera_info': '/cam/calibration'}
+    assert len(type_remarks(bag, find_scan_topics(bag, chosen), chosen)) == 1
+    assert type_remarks(_bag(SCAN), find_scan_topics(_bag(SCAN))) == []
+
+
+def test_calibration_of_another_camera_is_not_taken_by_its_type():
+    topics = {**SCAN, '/right/calibration': INFO}
+    del topics['/camera_info']
+    assert find_scan_topics(_bag(topics)).camera_info is None
+
+
+def test_two_topics_of_a_type_are_both_named():
+    topics = {**SCAN, '/left': IMAGE, '/right': IMAGE}
+    del topics['/image_raw']
+    with pytest.raises(BagError, match='/left and /right could each be the image topic'):
         find_scan_topics(_bag(topics))
 
 

@@ -6,11 +6,18 @@ from concurrent.futures import ThreadPoolExecutor
 import json
 import time
 
+from click.testing import CliRunner
 import pytest
 from support import postgres
+from support.recordings import write_profiles
+from support.synthetic import small_cell
 
+from ivfmc_ros.cell.cell_file import save_cell
+from ivfmc_ros.cli.scans import scans
 from ivfmc_ros.errors import CatalogueBusyError
 from ivfmc_ros.errors import CatalogueError
+from ivfmc_ros.storage.archive.rebuild import rebuild_scan
+from ivfmc_ros.storage.catalogue.calibrations import add_calibration
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.catalogue.catalogue_writer import CatalogueWriter
 from ivfmc_ros.storage.catalogue.inspections import add_inspection
@@ -77,6 +84,11 @@ def test_scan_is_written_and_found(catalogue, tmp_path):
     [found] = catalogue.find(ScanFilter(part='bracket', verdict='pass', feature='hole 3'))
     assert (found.cell, found.views, found.profiles, found.value.measured) == ('a', 1, 3, 0.01001)
     assert [row.seq for row in catalogue.profiles('s1')] == [0, 1, 2]
+    save_cell(tmp_path / 'cell.yaml', small_cell())
+    for _ in range(2):
+        assert add_calibration(catalogue, 's1', tmp_path)
+    digest = catalogue.scan('s1').calibration
+    assert [row.scan_id for row in catalogue.find(ScanFilter(calibration=digest[:9]))] == ['s1']
     assert catalogue.scan('s1').folder == tmp_path / 'a' / 's1'
     assert catalogue.results('s1')[0].folder == tmp_path / 'a' / 's1'
 
@@ -92,6 +104,70 @@ def test_cells_may_have_scans_of_one_id(catalogue, server, tmp_path):
         third.scan('s1')
     for made in (other, third):
         made.close()
+
+
+@pytest.fixture
+def archive(catalogue, server, tmp_path):
+    """Folders of two cells with a scan of one id, the second without its last profiles."""
+    root = tmp_path / '{cell}' / 'scans'
+    for cell, count in (('a', 6), ('b', 4)):
+        folder = tmp_path / cell / 'scans' / 's1'
+        write_profiles(folder, range(count), per_chunk=2)
+        made = Catalogue(root, create=True, url=server.url, cell=cell)
+        rebuild_scan(made, folder)
+        if cell == 'b':
+            # the catalogue knows of them
+            made.add_profiles('b/s1', [location(4), location(5)])
+        made.close()
+    return root
+
+
+@pytest.fixture
+def command(archive, server):
+    """Run ``ivfmc scans`` on a machine that has the scans of all cells, and is none of them."""
+
+    def run(*words):
+        options = ['--scans', str(archive), '--catalogue', server.url]
+        return CliRunner().invoke(scans, [*words, *options])
+
+    return run
+
+
+def test_scans_of_all_cells_are_verified_each_with_its_own_rows(command, archive):
+    answer = command('verify', '--json')
+    assert answer.exit_code == 3
+    first, second = json.loads(answer.stdout)
+    assert first['path'].endswith('/a/scans/s1')
+    assert (first['sound'], first['complete']) == (True, True)
+    assert second['path'].endswith('/b/scans/s1')
+    [run] = second['missing']
+    assert (run['first_seq'], run['last_seq']) == (4, 5)
+
+
+def test_repaired_scan_keeps_its_cell(command, archive, tmp_path, catalogue):
+    file = tmp_path / 'b' / 'scans' / 's1' / 'scan.mcap'
+    file.write_bytes(file.read_bytes()[:-50])
+    for source in ('b/s1', str(file.parent)):
+        answer = command('repair', source)
+        assert answer.exit_code == 0, answer.exception
+    found = catalogue.find(ScanFilter())
+    assert [(scan.cell, scan.scan_id, scan.profiles) for scan in found] == [
+        ('a', 's1', 6),
+        ('b', 's1', 4),
+    ]
+
+
+def test_scans_of_all_cells_are_rebuilt(command, archive, tmp_path, catalogue):
+    with catalogue.database.write() as connection:
+        for table in reversed(METADATA.sorted_tables):
+            connection.execute(table.delete())
+    for _ in range(2):
+        assert command('rebuild').exit_code == 0
+    found = sorted(
+        (scan.cell, scan.scan_id, scan.profiles) for scan in catalogue.find(ScanFilter())
+    )
+    assert found == [('a', 's1', 6), ('b', 's1', 4)]
+    assert not (tmp_path / '{cell}').exists()
 
 
 def test_cells_write_at_once_and_nothing_is_lost(catalogue, server, tmp_path):

@@ -5,25 +5,26 @@ import shutil
 
 import numpy as np
 import pytest
+from rosbags.rosbag2 import CompressionFormat
+from rosbags.rosbag2 import CompressionMode
+from rosbags.rosbag2 import Reader
+from rosbags.rosbag2 import StoragePlugin
 from support.foreign_bags import write_ros1
+from support.foreign_bags import write_rosbag2
 from support.foreign_bags import write_sqlite
+from support.recordings import messages_of
 from support.recordings import START
 from support.recordings import write_profiles
+import zstandard
 
 from ivfmc_ros.errors import BagError
 from ivfmc_ros.errors import FileError
-from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.bag.writer import BagWriter
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 from ivfmc_ros.storage.repair import check_recording
 from ivfmc_ros.storage.repair import repair_recording
 
 PROFILE = '/ivfmc/profile'
-
-
-def all_messages(path, **options):
-    bag = open_bag(path, **options)
-    return [(raw.topic, raw.log_time_ns, raw.data) for raw in bag.messages(list(bag.topics))]
 
 
 def flip(path, offset):
@@ -75,12 +76,12 @@ def test_damaged_chunk_is_named_with_the_profiles_that_were_in_it(scan):
 
 def test_repair_keeps_all_intact_chunks_and_the_original(scan):
     original = (scan / 'scan.mcap').read_bytes()
-    whole = all_messages(scan)
+    whole = messages_of(scan)
     flip(scan / 'scan.mcap', chunk_middles(scan / 'scan.mcap')[1])
     damaged = (scan / 'scan.mcap').read_bytes()
     assert damaged != original
     repaired = repair_recording(scan)
-    assert all_messages(scan) == whole[:3] + whole[6:]
+    assert messages_of(scan) == whole[:3] + whole[6:]
     assert (scan / 'scan.mcap.damaged').read_bytes() == damaged
     assert scan / 'scan.mcap.damaged' in repaired.kept
     after = check_recording(scan)
@@ -91,10 +92,9 @@ def test_repair_keeps_all_intact_chunks_and_the_original(scan):
 
 
 def test_repaired_bag_is_read_by_other_software(scan):
-    rosbags = pytest.importorskip('rosbags.rosbag2')
     flip(scan / 'scan.mcap', chunk_middles(scan / 'scan.mcap')[0])
     repair_recording(scan)
-    with rosbags.Reader(scan) as reader:
+    with Reader(scan) as reader:
         assert len(list(reader.messages())) == 9
 
 
@@ -119,7 +119,7 @@ def test_interrupted_recording_becomes_a_bag(tmp_path):
     repaired = repair_recording(folder)
     assert folder / 'scan.mcap' in repaired.written
     assert part.read_bytes() == content
-    assert len(all_messages(folder)) == 6
+    assert len(messages_of(folder)) == 6
     assert check_recording(folder).is_sound
 
 
@@ -135,7 +135,7 @@ def test_running_recording_is_not_repaired(tmp_path):
 
 @pytest.mark.parametrize('text', [None, 'rosbag2_bagfile_information: [', '{}'])
 def test_metadata_is_rebuilt(scan, text):
-    whole = all_messages(scan)
+    whole = messages_of(scan)
     if text is None:
         (scan / 'metadata.yaml').unlink()
     else:
@@ -143,7 +143,7 @@ def test_metadata_is_rebuilt(scan, text):
     assert not check_recording(scan).is_sound
     assert repair_recording(scan).written == (scan / 'metadata.yaml',)
     assert check_recording(scan).is_sound
-    assert all_messages(scan) == whole
+    assert messages_of(scan) == whole
 
 
 def test_lying_metadata_is_named(scan):
@@ -157,12 +157,12 @@ def test_lying_metadata_is_named(scan):
 @pytest.mark.parametrize('seed', range(12))
 def test_flipped_bit_is_repaired_or_harmless(scan, seed):
     path = scan / 'scan.mcap'
-    whole = set(all_messages(scan))
+    whole = set(messages_of(scan))
     # the first bytes name the format
     flip(path, random.Random(seed).randrange(8, path.stat().st_size))
     lost = sum(check_recording(scan).lost.values())
     repair_recording(scan)
-    left = all_messages(scan)
+    left = messages_of(scan)
     assert set(left) <= whole
     assert len(left) == 12 - lost
     assert len(left) >= 9
@@ -171,10 +171,10 @@ def test_flipped_bit_is_repaired_or_harmless(scan, seed):
 @pytest.mark.parametrize('share', np.linspace(0.05, 0.999, 8))
 def test_cut_recording_is_repaired(scan, share):
     path = scan / 'scan.mcap'
-    whole = all_messages(scan)
+    whole = messages_of(scan)
     path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
     repair_recording(scan)
-    left = all_messages(scan)
+    left = messages_of(scan)
     assert left == whole[: len(left)]
     assert len(left) % 3 == 0
 
@@ -188,7 +188,7 @@ def test_split_bag_is_repaired_file_by_file(tmp_path):
     (first / 'metadata.yaml').unlink()
     flip(first / 'bag_1.mcap', chunk_middles(first / 'bag_1.mcap')[0])
     repair_recording(first)
-    assert len(all_messages(first)) == 9
+    assert len(messages_of(first)) == 9
     assert not (first / 'bag_0.mcap.damaged').exists()
     assert check_recording(first).is_sound
 
@@ -211,6 +211,67 @@ def test_sqlite_bag_is_verified_and_not_repaired(scan, tmp_path):
     assert 'is cut off' in ' '.join(check.lines())
     with pytest.raises(FileError, match=r'theirs\.db3: only MCAP is repaired; .*--salvage'):
         repair_recording(file.parent)
+
+
+@pytest.fixture
+def compressed(scan, tmp_path):
+    """Folder of the same bag, its file compressed as a whole as by rosbag2."""
+    folder = tmp_path / 'packed'
+    folder.mkdir()
+    packed = zstandard.ZstdCompressor().compress((scan / 'scan.mcap').read_bytes())
+    (folder / 'bag_0.mcap.zstd').write_bytes(packed)
+    text = (scan / 'metadata.yaml').read_text().replace('scan.mcap', 'bag_0.mcap.zstd')
+    for key, value in (('compression_format', 'zstd'), ('compression_mode', 'FILE')):
+        assert f"{key}: ''" in text
+        text = text.replace(f"{key}: ''", f'{key}: {value}')
+    (folder / 'metadata.yaml').write_text(text)
+    return folder
+
+
+def test_compressed_file_is_verified_and_a_sound_one_is_left(scan, compressed):
+    before = {path.name: path.read_bytes() for path in compressed.iterdir()}
+    check = check_recording(compressed)
+    assert (check.is_sound, check.messages) == (True, {PROFILE: 12})
+    assert sorted(check.files[0].profiles) == list(range(12))
+    assert repair_recording(compressed).written == ()
+    assert {path.name: path.read_bytes() for path in compressed.iterdir()} == before
+
+
+def test_damaged_compressed_file_becomes_a_plain_one_and_is_kept(scan, compressed):
+    [packed] = compressed.glob('*.mcap.zstd')
+    whole = messages_of(compressed)
+    file = scan / 'scan.mcap'
+    content = file.read_bytes()[: chunk_middles(file)[2]]
+    damaged = zstandard.ZstdCompressor().compress(content)
+    packed.write_bytes(damaged)
+    check = check_recording(compressed)
+    assert not check.is_sound
+    assert f'{packed}: ' in ' '.join(check.lines())
+    assert 'ivfmc_' not in ' '.join(check.lines())
+    repaired = repair_recording(compressed)
+    plain = packed.with_suffix('')
+    assert set(repaired.written) == {plain, compressed / 'metadata.yaml'}
+    assert packed in repaired.kept
+    assert packed.read_bytes() == damaged
+    left = messages_of(compressed)
+    assert left == whole[:6]
+    with Reader(compressed) as reader:
+        assert len(list(reader.messages())) == len(left)
+    assert check_recording(compressed).is_sound
+
+
+def test_repaired_messages_are_not_compressed_by_themselves(scan, tmp_path):
+    target = tmp_path / 'packed'
+    mode = CompressionMode.MESSAGE, CompressionFormat.ZSTD
+    write_rosbag2(scan, target, storage=StoragePlugin.MCAP, compression=mode)
+    [file] = target.glob('*.mcap')
+    file.write_bytes(file.read_bytes()[:-40])
+    repair_recording(target)
+    assert messages_of(target) == messages_of(scan)
+    with Reader(target) as reader:
+        assert [data for _, _, data in reader.messages()] == [
+            data for _, _, data in messages_of(scan)
+        ]
 
 
 def test_lying_metadata_of_a_sqlite_bag_is_named(scan, tmp_path):
