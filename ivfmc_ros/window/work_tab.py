@@ -21,6 +21,8 @@ from ivfmc_ros.window.stripe_advice import StripeShares
 # Greatest side of the picture in the browser, pixels.
 _SIDE = 640
 _QUALITY = 70
+# Color of the marked row: that of its gray values.
+_ROW_RGB = (0, 114, 178)
 _JOG = math.radians(10.0)
 # A slider that is dragged sends many values; the last one counts after this time, seconds.
 _SETTLE_S = 0.3
@@ -63,9 +65,11 @@ class WorkTab:
         self._power = self._slider(gui, 'Laser power', ('turntable', 'laser_power'), 1.0, 1.0)
         self._manual = []
         for laser in lasers:
-            button = gui.add_button(f'Laser {laser} on', icon='bulb')
-            button.on_click(self._light(laser))
-            self._manual.append(button)
+            for on in (True, False):
+                text = f'Laser {laser} {"on" if on else "off"}'
+                button = gui.add_button(text, icon='bulb' if on else 'bulb-off')
+                button.on_click(self._light(laser, on))
+                self._manual.append(button)
         for text, angle in (('Table -10°', -_JOG), ('Table +10°', _JOG)):
             button = gui.add_button(text, icon='rotate')
             button.on_click(self._jog(angle))
@@ -90,15 +94,16 @@ class WorkTab:
         shares : of the stripe in it; None if it was not searched
         """
         self._shown = image
-        self._picture.image = _small(image)
         self._judgement.content = _judgement(shares)
         self._draw_row()
 
     def _draw_row(self) -> None:
+        """Draw the gray values of the row, and the row into the picture."""
         image = self._shown
         if image is None:
             return
         row = min(int(self._row.value), image.shape[0] - 1)
+        self._picture.image = _small(image, row)
         gray: Floats = (image if image.ndim == 2 else image.max(axis=2))[row].astype(np.float64)
         self._plot.data = (np.arange(len(gray), dtype=np.float64), gray)
 
@@ -126,9 +131,10 @@ class WorkTab:
         slider.on_update(settle)
         return slider
 
-    def _light(self, laser: str) -> Callable[[Any], None]:
+    def _light(self, laser: str, on: bool) -> Callable[[Any], None]:
         def on_click(event: Any) -> None:
-            answered(event, lambda: self._actions.light(laser, True), f'Laser {laser} is on')
+            done = f'Laser {laser} is {"on" if on else "off"}'
+            answered(event, lambda: self._actions.light(laser, on), done)
 
         return on_click
 
@@ -139,13 +145,17 @@ class WorkTab:
         return on_click
 
 
-def _small(image: Image) -> Image:
-    """Return an 8-bit RGB copy that fits the page."""
+def _small(image: Image, row: int) -> Image:
+    """Return an 8-bit RGB copy that fits the page, with a row marked at both edges."""
     scale = _SIDE / max(image.shape[:2])
     size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
     small: Any = cv2.resize(image, size, interpolation=cv2.INTER_AREA) if scale < 1.0 else image
     code = cv2.COLOR_GRAY2RGB if small.ndim == 2 else cv2.COLOR_BGR2RGB
     rgb: Any = cv2.cvtColor(small, code)
+    # not across: the stripe under it must stay visible
+    place, length = round((row + 0.5) * min(scale, 1.0) - 0.5), rgb.shape[1] // 12
+    for ends in ((0, length), (rgb.shape[1] - length, rgb.shape[1] - 1)):
+        cv2.line(rgb, (ends[0], place), (ends[1], place), _ROW_RGB, 2)
     return np.asarray(rgb, dtype=np.uint8)
 
 
