@@ -23,7 +23,7 @@ _SEEN, _NEXT, _NOW = '#009e73', '#d55e00', '#f0e442'
 _INK = '#1c2530'
 # Width of the picture in the page, pixels.
 _SIDE, _QUALITY = 480, 60
-_STYLE = 'width:100%;max-width:24em;border:1px solid #888;display:block;margin:0.3em 0'
+_STYLE = 'width:100%;max-width:384px;border:1px solid #888;display:block;margin:0.3em 0'
 # Pixels of the drawings of volume and residuals.
 _WIDTH, _HEIGHT, _MARGIN = 400.0, 190.0, 34.0
 
@@ -94,7 +94,7 @@ def volume_svg(guide: CaptureGuide) -> str:
     reach = 0.5 / TYPICAL_FOCAL * far * scale
     distances = [view.distance for view in guide.views]
     ratio = max(distances) / min(distances)
-    text = f'boards from above; the farthest is {ratio:.2f} times as far as the nearest'
+    text = f'boards from above; farthest and nearest differ {ratio:.2f} times'
     return (
         f'<svg role="img" aria-label="{text}" viewBox="0 0 {_WIDTH:.0f} {_HEIGHT:.0f}" '
         f'font-size="12" style="{_STYLE}"><path d="M8 {0.5 * _HEIGHT}'
@@ -122,7 +122,7 @@ def residual_svg(result: CameraCalibration) -> str:
         f'<path d="M{_MARGIN} {floor}H{_WIDTH - 8}" stroke="{_INK}"/>'
         f'<path d="M{_MARGIN} {line:.1f}H{_WIDTH - 8}" stroke="{_NEXT}"/>'
         f'<text x="8" y="14" fill="{_INK}">{text}</text>'
-        f'<text x="2" y="{floor - room + 4:.0f}" fill="{_INK}">{highest:.2f}</text>'
+        f'<text x="2" y="{floor - room + 4:.0f}" fill="{_INK}">{highest:.3f}</text>'
         f'<text x="2" y="{floor:.0f}" fill="{_INK}">0 px</text>'
         f'<text x="{_MARGIN}" y="{_HEIGHT - 8:.0f}" fill="{_INK}">pictures 1 to {count}</text>'
         '</svg>'

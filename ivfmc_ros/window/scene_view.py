@@ -40,6 +40,10 @@ _BATCH = 12
 _POINT_SIZE = 0.012  # display units
 _LINES, _PLATTER = (90, 98, 110), (206, 210, 216)
 _MEASURED = (178, 24, 43)
+# Intensities of three.js: pi of both together shows a color as it is.
+_AMBIENT, _DIRECTED = 2.1, 1.0
+# Directions from which light comes, in display units: from above left and from the other side.
+_LIGHTS = ((10.0, -30.0, 40.0), (-30.0, 20.0, 10.0))
 
 
 class SceneView:
@@ -66,8 +70,18 @@ class SceneView:
         server.scene.set_up_direction('+z')
         server.initial_camera.position = (22.0, -18.0, 16.0)
         server.initial_camera.look_at = (0.0, 0.0, 3.0)
-        self._scene.configure_default_lights(cast_shadow=False)
+        self._light()
         self._scene.on_click()(self._pick)
+
+    def _light(self) -> None:
+        """Light the scene evenly: the color of a deviation must stay readable on every side."""
+        self._scene.configure_default_lights(enabled=False, cast_shadow=False)
+        self._scene.configure_environment_map(None)
+        self._scene.add_light_ambient('/lights/ambient', intensity=_AMBIENT)
+        for number, place in enumerate(_LIGHTS):
+            self._scene.add_light_directional(
+                f'/lights/{number}', intensity=_DIRECTED, position=place
+            )
 
     def show_cell(self, cell: Cell, radius: float, top: float) -> None:
         """

@@ -139,7 +139,8 @@ def health_html(nodes: Sequence[tuple[str, str, str]]) -> str:
     )
     head = '<tr><th scope="col">node</th><th scope="col">state</th><th scope="col">says</th></tr>'
     return (
-        '<table aria-label="Health of the nodes" style="font-size:0.8rem;text-align:left">'
+        '<table aria-label="Health of the nodes" style="font-size:0.8rem;text-align:left;'
+        'border-spacing:0.6em 0.1em">'
         f'{head}{rows}</table>'
     )
 
@@ -164,7 +165,10 @@ def features_html(result: Mapping[str, Any]) -> str:
         return ''
     names = ('characteristic', 'deviation, mm', 'U, mm', 'verdict')
     head = ''.join(f'<th scope="col">{name}</th>' for name in names)
-    return f'<table aria-label="Features" style="font-size:0.8rem"><tr>{head}</tr>{rows}</table>'
+    return (
+        '<table aria-label="Features" style="font-size:0.8rem;text-align:left;'
+        f'border-spacing:0.6em 0.1em"><tr>{head}</tr>{rows}</table>'
+    )
 
 
 def _millimeters(value: Any, sign: str = '') -> str:

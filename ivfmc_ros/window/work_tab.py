@@ -11,10 +11,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Image
 from ivfmc_ros.window.actions import Actions
 from ivfmc_ros.window.actions import answered
+from ivfmc_ros.window.row_drawing import row_svg
 from ivfmc_ros.window.status_text import STATUS
 from ivfmc_ros.window.stripe_advice import StripeShares
 
@@ -37,9 +37,6 @@ class WorkTab:
 
         size : (width, height) of the camera's images
         """
-        # optional: the page says how to install it
-        from viser import uplot
-
         self._actions = actions
         self._shown: Image | None = None
         self._timers: dict[str, threading.Timer] = {}
@@ -47,18 +44,7 @@ class WorkTab:
         self._picture = gui.add_image(blank, label='Camera', format='jpeg', jpeg_quality=_QUALITY)
         self._judgement = gui.add_html('<div role="status">no picture yet</div>')
         self._row = gui.add_slider('Row', 0, size[1] - 1, 1, size[1] // 2)
-        x = np.arange(size[0], dtype=np.float64)
-        self._plot = gui.add_uplot(
-            (x, np.zeros(size[0])),
-            (
-                uplot.Series(label='column'),
-                uplot.Series(label='gray value', stroke='#0072b2', width=1),
-            ),
-            # the default is an axis of time
-            scales={'x': uplot.Scale(time=False, auto=True), 'y': uplot.Scale(auto=True)},
-            title='Gray values of the row',
-            aspect=2.0,
-        )
+        self._plot = gui.add_html('')
         self._row.on_update(lambda _: self._draw_row())
         self._exposure = self._slider(gui, 'Exposure, ms', ('camera', 'exposure'), 30.0, 1e-3)
         self._gain = self._slider(gui, 'Gain', ('camera', 'gain'), 20.0, 1.0)
@@ -104,13 +90,12 @@ class WorkTab:
             return
         row = min(int(self._row.value), image.shape[0] - 1)
         self._picture.image = _small(image, row)
-        gray: Floats = (image if image.ndim == 2 else image.max(axis=2))[row].astype(np.float64)
-        self._plot.data = (np.arange(len(gray), dtype=np.float64), gray)
+        self._plot.content = f'<div style="padding:0 0.6em">{row_svg(image, row)}</div>'
 
     def _slider(
         self, gui: Any, label: str, target: tuple[str, str], high: float, unit: float
     ) -> Any:
-        slider = gui.add_slider(label, 0.0 if unit == 1.0 else 0.1, high, 0.1 * unit**0, 1.0)
+        slider = gui.add_slider(label, 0.0 if unit == 1.0 else 0.1, high, 0.1, 1.0)
 
         def settle(event: Any) -> None:
             value = float(slider.value) * unit

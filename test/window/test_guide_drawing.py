@@ -74,4 +74,4 @@ def test_scale_of_the_residuals_ends_at_the_largest():
     heights = [float(h) for h in re.findall(r'<rect [^>]*height="([\d.]+)"', html)]
     np.testing.assert_allclose(heights, max(heights) * np.array([0.25, 0.5, 1.0]), atol=0.1)
     assert '0.130 px rms; the worst picture 0.200 px' in html
-    assert '>0.20</text>' in html
+    assert '>0.200</text>' in html
