@@ -91,6 +91,14 @@ def by_gray(values: Floats) -> Bytes:
     return np.repeat(gray[:, None], 3, axis=1)
 
 
+def linear(colors: Bytes) -> Bytes:
+    """Return (n, 4) linear RGBA, which glTF demands, of (n, 3) sRGB (IEC 61966-2-1)."""
+    share = colors / 255.0
+    light = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    opaque = np.ones((len(colors), 1))
+    return np.asarray(np.hstack([light, opaque]) * 255.0 + 0.5).astype(np.uint8)
+
+
 def span_of(values: Floats, symmetric: bool = False) -> tuple[float, float]:
     """Return the limits of a scale for (n,) values, NaN ignored; about 0 if ``symmetric``."""
     known = values[np.isfinite(values)]

@@ -85,6 +85,12 @@ def test_scale_of_a_deviation_is_green_at_zero():
     assert 'deviation, mm' in coloring.bar_html(bar)
 
 
+def test_colors_of_gltf_are_linear_light():
+    colors = coloring.linear(np.array([(0, 128, 255), (10, 188, 64)], dtype=np.uint8))
+    # sRGB of a half is 188, that of 0.2158 is 128
+    assert colors.tolist() == [[0, 55, 255, 255], [1, 128, 13, 255]]
+
+
 def test_deviation_from_a_nominal_has_the_scale_of_its_report():
     values = np.array([0.0, 1e-3, -1e-3])
     mesh = DrawnMesh(
