@@ -330,8 +330,9 @@ class SceneView:
         colors, self._mesh_bar = coloring.color_mesh(surface, self._mesh_mode)
         kept, outline = cut_mesh(surface.vertices_xyz, surface.faces, self._section)
         # glTF's own default is a metal, which shows its surroundings instead of its color
-        material = trimesh.visual.material.PBRMaterial(metallicFactor=0.0, roughnessFactor=1.0)
-        visual = trimesh.visual.TextureVisuals(material=material)
+        visuals: Any = trimesh.visual
+        material = visuals.material.PBRMaterial(metallicFactor=0.0, roughnessFactor=1.0)
+        visual = visuals.TextureVisuals(material=material)
         visual.vertex_attributes['color'] = coloring.linear(colors)
         mesh = trimesh.Trimesh(
             SCALE * surface.vertices_xyz, surface.faces[kept], visual=visual, process=False
