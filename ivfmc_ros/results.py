@@ -49,6 +49,7 @@ def write_results(
     nominal: Surface | None = None,
     *,
     pdf: bool = False,
+    heading: Mapping[str, str] | None = None,
 ) -> Mapping[str, Any]:
     """
     Write a result folder atomically, and return its report.
@@ -57,6 +58,7 @@ def write_results(
     skipped : number of pictures that were not used, by reason
     nominal : true surface in ``turntable`` to compare with, if it is known
     pdf : print the page as report.pdf too
+    heading : texts of the title block that the cell and the settings do not give
     :raises NotReadyError: there is no browser that prints
     :raises FileError: the folder has files already, or cannot be written
     """
@@ -84,7 +86,7 @@ def write_results(
             made.poses,
             made.samples,
             document,
-            _heading(cell, source, document),
+            _heading(cell, source, document, heading or {}),
             mesh_still(target / 'mesh.png'),
         )
         write_html(target / 'report.html', page)
@@ -126,16 +128,21 @@ def _document(
     return document
 
 
-def _heading(cell: Cell, source: str, document: Mapping[str, Any]) -> dict[str, str]:
+def _heading(
+    cell: Cell, source: str, document: Mapping[str, Any], given: Mapping[str, str]
+) -> dict[str, str]:
     """Return the title block of the page; the operator signs on paper."""
     settings = json.dumps(document['parameters'], sort_keys=True, default=str)
     texts = {
         'source': source,
-        'time (UTC)': f'{datetime.now(UTC):%Y-%m-%d %H:%M:%S}',
+        'reconstructed (UTC)': f'{datetime.now(UTC):%Y-%m-%d %H:%M:%S}',
         **cell_texts(cell),
+        **given,
         'settings (SHA-256)': digest(settings.encode()),
         'software': f'ivfmc_ros {__version__}',
     }
+    if document.get('refined', {}).get('applied') and texts.get('certificate'):
+        texts['certificate'] += ' (before the self-calibration)'
     return {**{name: text for name, text in texts.items() if text}, 'operator': ''}
 
 

@@ -45,6 +45,46 @@ def record_path(cell_file: Path) -> Path:
     return cell_file.with_name(f'{cell_file.stem}.check.json')
 
 
+def copy_record(cell_file: Path, folder: Path) -> None:
+    """
+    Copy the record of the last test of a cell, if there is one, beside a copy of its cell.yaml.
+
+    folder : with ``cell.yaml``, such as that of a scan
+    :raises FileError: the record cannot be read, or its copy not be written
+    """
+    source = record_path(cell_file)
+    if source.exists():
+        text = files.read_bytes(source).decode(errors='replace')
+        files.write_text(record_path(folder / 'cell.yaml'), text)
+
+
+def certificate_text(path: Path, calibration: str) -> str:
+    """
+    Return date, artifact and result of the last test of a calibration, for a title block.
+
+    path : of the record, from ``record_path``
+    calibration : ``calibration_id`` of the cell that measured
+    :returns: where there is none, or it is of another calibration, a text that says so; '' for a
+        damaged record
+    """
+    if not path.exists():
+        return 'none: the cell was never checked'
+    try:
+        record = _read(path)
+    except FileError:
+        return ''
+    if record['calibration'] != calibration:
+        return 'none: the last check was of another calibration'
+    day = datetime.fromisoformat(record['created']).date().isoformat()
+    temperature = record.get('temperature_c')
+    parts = (
+        f'{record["verdict"]} on {day}',
+        str(record.get('artifact', '')),
+        '' if temperature is None else f'at {temperature:g} °C',
+    )
+    return ', '.join(filter(None, parts))
+
+
 def check_state(
     path: Path, calibration: str, max_age: timedelta, now: datetime | None = None
 ) -> CheckState:

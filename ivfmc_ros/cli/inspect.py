@@ -46,6 +46,7 @@ from ivfmc_ros.inspection.tolerances import Tolerances
 from ivfmc_ros.inspection.verdict import FAIL
 from ivfmc_ros.inspection.verdict import PASS
 from ivfmc_ros.meshing.io.export import UNITS
+from ivfmc_ros.scan.title_block import source_texts
 
 _MM = 1e-3
 _COLORS = {PASS: 'green', FAIL: 'bold red'}
@@ -182,7 +183,9 @@ def inspect(
     figures = {'mesh': str(mesh), 'nominal': str(nominal), **document(found, settings)}
     with files.atomic_folder(output) as folder:
         write_report(folder / 'report.json', figures)
-        page = inspection_page(f'{mesh.name} against {nominal.name}', found, settings, figures)
+        title = f'{mesh.name} against {nominal.name}'
+        heading = source_texts(mesh.absolute().parent, options['cell_path'])
+        page = inspection_page(title, found, settings, figures, heading)
         write_html(folder / 'report.html', page)
         if pdf:
             print_pdf(folder / 'report.html', folder / 'report.pdf')

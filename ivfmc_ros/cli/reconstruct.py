@@ -31,6 +31,7 @@ from ivfmc_ros.pipeline import reconstruct_profiles
 from ivfmc_ros.pipeline import Reconstruction
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.results import write_results
+from ivfmc_ros.scan.title_block import source_texts
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.scans.scan_bag import ScanBag
 from ivfmc_ros.storage.scans.stored_scan import load_profiles
@@ -109,7 +110,8 @@ def reconstruct(
         made, skipped = _measure(scan, cell, settings), scan.skipped
     else:
         made, cell, skipped = _from_catalogue(root, source, cell_path, camera_path, settings)
-    document = write_results(output, cell, made, source, skipped, pdf=pdf)
+    heading = source_texts(_folder_of(bag, root, source), cell_path)
+    document = write_results(output, cell, made, source, skipped, pdf=pdf, heading=heading)
     if bag is None:
         counts = {**document['counts'], 'residuals': document['residuals']}
         Catalogue(root).add_result(source, str(output.absolute()), {'counts': counts})
@@ -118,6 +120,13 @@ def reconstruct(
     else:
         say(output, document)
     require_right(document)
+
+
+def _folder_of(bag: Path | None, root: Path, source: str) -> Path:
+    """Return the folder of a bag, or that of a scan of the catalogue."""
+    if bag is None:
+        return Catalogue(root).scan(source).folder
+    return bag if bag.is_dir() else bag.parent
 
 
 def require_right(document: Mapping[str, Any]) -> None:

@@ -20,10 +20,10 @@ from ivfmc_ros.storage.bag.reader import Bag
 from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.messages.point_clouds import to_profile
 from ivfmc_ros.window.access import Access
+from ivfmc_ros.window.drawn import DrawnPoints
 from ivfmc_ros.window.mesh_files import compare
 from ivfmc_ros.window.mesh_files import load_mesh
 from ivfmc_ros.window.page import ViewPage
-from ivfmc_ros.window.scene_view import DrawnPoints
 
 _PATH = click.Path(path_type=Path)
 _MESHES = ('mesh.ply', 'mesh.stl')

@@ -186,6 +186,7 @@ class Orchestrator(CellNode):
             plan=plan,
             motion=motion,
             cell=cell,
+            cell_name=self.get_namespace().strip('/'),
             tolerance=self.get('position_tolerance'),
             patience=self.get('profile_patience'),
             home=self.get('home'),

@@ -35,11 +35,14 @@ from ivfmc_ros.nodes.viewing.picture_feed import PictureFeed
 from ivfmc_ros.scan.recipe import recipe_names
 from ivfmc_ros.storage.matching.joint_history import joint_in_message
 from ivfmc_ros.window.access import Access
+from ivfmc_ros.window.drawn import DrawnMesh
+from ivfmc_ros.window.drawn import DrawnPoints
 from ivfmc_ros.window.mesh_files import load_mesh
 from ivfmc_ros.window.page import PageSetup
 from ivfmc_ros.window.page import WorkPage
-from ivfmc_ros.window.scene_view import DrawnMesh
-from ivfmc_ros.window.scene_view import DrawnPoints
+from ivfmc_ros.window.placed_nominal import load_placed_nominal
+from ivfmc_ros.window.placed_nominal import PlacedNominal
+from ivfmc_ros.window.placed_nominal import plan_of_scan
 from ivfmc_ros.window.status_text import ENDED
 
 # Seconds between two looks at profiles that wait to be drawn, while a browser shows the page.
@@ -114,7 +117,7 @@ class Window(CellNode):
         token = read_token(Path(path).expanduser() if path else None)
         require_token(address, token, 'token_file')
         draft = self._source.draft
-        root = self.get('recipe_root')
+        root = self._recipe_root
         page = WorkPage(
             PageSetup(
                 title=self.get_namespace(),
@@ -122,8 +125,8 @@ class Window(CellNode):
                 pictures=Path(self.get('pictures')),
                 lasers=[laser.name for laser in draft.lasers] if draft else [],
                 size=self._source.cell().camera.size if self._source.complete else _SIZE,
-                recipes=recipe_names(Path(root)) if root else (),
-                recipe_root=Path(root) if root else None,
+                recipes=() if root is None else recipe_names(root),
+                recipe_root=root,
             ),
             self._actions,
             address=address,
@@ -158,7 +161,7 @@ class Window(CellNode):
         scan_id = values.get('scan_id', '')
         if scan_id != self._scan_id:
             self._scan_id = scan_id
-            self._page.scene.clear()
+            self._page.clear()
         self._page.scan.show_status(values)
         state = self._page.scan.state
         self._actions.idle = not state.running
@@ -177,13 +180,19 @@ class Window(CellNode):
         self.executor.create_task(self._load_mesh, path, unit, scan_id)
 
     async def _load_mesh(self, path: Path, unit: str, scan_id: str) -> None:
+        nominal: PlacedNominal | None = None
         try:
-            mesh = await self.in_thread(load_mesh, path, unit)
+            nominal = await self.in_thread(load_placed_nominal, path.parent, self._recipe_root)
+        except ScanError as error:
+            self.get_logger().warning(f'the mesh is drawn without its deviation: {error}')
+        try:
+            mesh = await self.in_thread(load_mesh, path, unit, nominal)
         except ScanError as error:
             # the published mesh is drawn already
             self.get_logger().warning(f'the mesh is not drawn from its file: {error}')
             return
         if scan_id == self._scan_id:
+            self._page.place_nominal(nominal)
             self._page.show_mesh(mesh)
             self._page.history.refresh()
 
@@ -207,6 +216,11 @@ class Window(CellNode):
             self._page.scene.turn_cell(state[0])
 
     @property
+    def _recipe_root(self) -> Path | None:
+        root = self.get('recipe_root')
+        return Path(root) if root else None
+
+    @property
     def _is_scanned(self) -> bool:
         """Whether the profiles of the scan are complete; what comes earlier is of the last one."""
         return self._page.scan.state.stage in (*_PROCESSING, *ENDED)
@@ -224,6 +238,21 @@ class Window(CellNode):
                 intensity=records['intensity'].astype(float),
             )
         )
+        self._offer_deviation()
+
+    def _offer_deviation(self) -> None:
+        """Offer the deviation of the cloud while the mesh is built and inspected."""
+        if self._page.scan.state.stage not in _PROCESSING:
+            return
+        try:
+            plan = plan_of_scan(
+                Path(self.get('scan_root')) / str(self._scan_id), self._recipe_root
+            )
+        except ScanError as error:
+            self.get_logger().warning(f'no deviation is shown before the inspection: {error}')
+            return
+        if plan is not None:
+            self._page.offer_fit(plan)
 
     def _receive_mesh(self, data: bytes) -> None:
         vertices, faces = meshes.from_mesh_shape(data)

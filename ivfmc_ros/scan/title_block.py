@@ -8,6 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from ivfmc_ros import __version__
+from ivfmc_ros.acceptance.state import certificate_text
+from ivfmc_ros.acceptance.state import record_path
+from ivfmc_ros.cell.calibration_id import calibration_id
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.cell_file import CellDraft
 from ivfmc_ros.cell.cell_file import load_draft
@@ -24,18 +27,28 @@ def title_block(folder: Path) -> dict[str, str]:
 
     What a file that is missing or damaged would say is left out; the operator signs on paper.
     """
-    job = _job(folder)
-    request = job.get('request', {})
     texts = {
-        'part': str(request.get('part', '')),
-        'recipe': str(request.get('recipe', '')),
-        'scan': folder.name,
-        'time (UTC)': _time_of(folder.name),
+        **(scan_texts(folder) or {'scan': folder.name, 'time (UTC)': _time_of(folder.name)}),
         **_cell(folder / 'cell.yaml'),
         'settings (SHA-256)': _digest(folder / PARAMETER_FILE),
         'software': f'ivfmc_ros {__version__}',
     }
     return {**{name: text for name, text in texts.items() if text}, 'operator': ''}
+
+
+def scan_texts(folder: Path) -> dict[str, str]:
+    """Return what was scanned, when and by which cell; empty for a folder that is no scan."""
+    job = _job(folder)
+    if not job:
+        return {}
+    request = job.get('request', {})
+    return {
+        'part': str(request.get('part', '')),
+        'recipe': str(request.get('recipe', '')),
+        'scan': folder.name,
+        'time (UTC)': _time_of(folder.name),
+        'cell': str(job.get('cell', '')),
+    }
 
 
 def without_folder(value: Any, folder: Path) -> Any:
@@ -70,21 +83,51 @@ def _time_of(scan_id: str) -> str:
 
 def _cell(path: Path) -> dict[str, str]:
     try:
-        return cell_texts(load_draft(path))
+        return cell_texts(load_draft(path), path)
     except ScanError:
         return {}
 
 
-def cell_texts(cell: CellDraft | Cell) -> dict[str, str]:
-    """Return the texts of a title block that a cell gives; '' for what it does not state."""
+def source_texts(folder: Path, cell_path: Path | None = None) -> dict[str, str]:
+    """
+    Return the texts of a title block that the source of a reconstruction or inspection gives.
+
+    folder : of the bag or mesh, which may be that of a scan
+    cell_path : cell.yaml to use instead of the one in the folder
+    """
+    texts = {**scan_texts(folder), **_cell(cell_path or folder / 'cell.yaml')}
+    return {name: text for name, text in texts.items() if text}
+
+
+def cell_texts(cell: CellDraft | Cell, path: Path | None = None) -> dict[str, str]:
+    """
+    Return the texts of a title block that a cell gives; '' for what it does not state.
+
+    path : of its cell.yaml, beside which the record of its acceptance test is; None if not known
+    """
     temperature = cell.notes.get('temperature_c')
+    identity = calibration_id(cell.turntable, cell.lasers) if cell.turntable else ''
+    created = (cell.created if isinstance(cell, CellDraft) else None) or ''
     return {
         'lasers': ', '.join(laser.name for laser in cell.lasers),
-        'calibration': (cell.created if isinstance(cell, CellDraft) else None) or '',
+        'calibration': ', '.join(filter(None, (created, identity and f'id {identity}'))),
+        'certificate': certificate_text(record_path(path), identity) if path and identity else '',
         'calibration uncertainty': _covariance(cell),
-        'scale from': str(cell.notes.get('board', '')),
+        'scale from': _scale(cell),
         'calibrated at': '' if temperature is None else f'{temperature:g} °C',
     }
+
+
+def _scale(cell: CellDraft | Cell) -> str:
+    """Return the known length that gave the scale, and its uncertainty."""
+    board = cell.notes.get('board', '')
+    if isinstance(board, Mapping):
+        # of the steps of a calibration, that of the table decides
+        named = board.get('turntable_scale') or board.get('scale')
+        board = named or ', '.join(f'{key} {value}' for key, value in board.items())
+    scale_u = None if cell.covariance is None else cell.covariance.scale_u
+    stated = f'relative u = {scale_u:.2g}' if scale_u else ''
+    return ', '.join(filter(None, (str(board), stated)))
 
 
 def _covariance(cell: CellDraft | Cell) -> str:

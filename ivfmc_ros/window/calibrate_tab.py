@@ -13,24 +13,31 @@ import cv2
 
 from ivfmc_ros import files
 from ivfmc_ros.calibration.boards.board import Board
+from ivfmc_ros.calibration.boards.board import Corners
 from ivfmc_ros.calibration.boards.board import find_corners
 from ivfmc_ros.calibration.boards.board import parse_board
+from ivfmc_ros.calibration.boards.views import BoardView
+from ivfmc_ros.calibration.boards.views import BoardViews
+from ivfmc_ros.calibration.camera.calibrate import calibrate_camera
+from ivfmc_ros.calibration.camera.calibrate import MIN_VIEWS
 from ivfmc_ros.calibration.live.guide import CaptureGuide
 from ivfmc_ros.calibration.live.picture import picture_quality
-from ivfmc_ros.calibration.live.proposal import Proposal
 from ivfmc_ros.calibration.live.proposal import propose
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.model import Image
+from ivfmc_ros.window.guide_drawing import picture_svg
+from ivfmc_ros.window.guide_drawing import residual_svg
+from ivfmc_ros.window.guide_drawing import volume_svg
 
 _DEFAULT = 'charuco:10x7:12mm:9mm:DICT_4X4_50'
 _TOLD = 4  # of what is missing
-# Colors of fields that have seen corners, and of the board as it goes next (Okabe and Ito 2008).
-_SEEN, _NEXT = '#009e73', '#d55e00'
 
 
 class CalibrateTab:
     """
     Guides pictures of a board, as ``ivfmc calibrate live`` does, and keeps those that help.
+
+    From 6 pictures on the camera is calibrated after each one, to show the residuals at once.
 
     active : pictures are wanted
     """
@@ -45,6 +52,8 @@ class CalibrateTab:
         self._board: Board | None = None
         self._guide: CaptureGuide | None = None
         self._folder: Path | None = None
+        # good pictures and the corners in them
+        self._kept: list[BoardView] = []
         # finding a board takes longer than a picture period: one at a time
         self._busy = threading.Lock()
         self._text = gui.add_text('Board', _DEFAULT, hint='As in ivfmc calibrate --board.')
@@ -52,7 +61,10 @@ class CalibrateTab:
         self._said = gui.add_html(
             '<p>Hold the board in front of the camera. Pictures that add something are kept.</p>'
         )
+        self._picture = gui.add_html('')
         self._missing = gui.add_html('')
+        self._volume = gui.add_html('')
+        self._residuals = gui.add_html('')
         self._on.on_update(lambda _: self._begin())
 
     @property
@@ -72,9 +84,13 @@ class CalibrateTab:
             self._busy.release()
 
     def _begin(self) -> None:
-        self._guide = self._folder = None
         if not self.active:
+            # what was found stays
             return
+        self._guide = self._folder = None
+        self._kept = []
+        for element in (self._picture, self._missing, self._volume, self._residuals):
+            element.content = ''
         try:
             self._board = parse_board(str(self._text.value))
         except ScanError as error:
@@ -88,8 +104,10 @@ class CalibrateTab:
         guide = self._guide
         if guide is None or guide.size != (width, height):
             guide = self._guide = CaptureGuide(self._board, (width, height))
+            self._kept = []
             self._show_missing()
         corners = find_corners(self._board, image)
+        self._picture.content = picture_svg(guide, propose(guide), image, corners)
         if corners is None:
             self._say('the board is not detected; show all of it')
             return
@@ -100,11 +118,12 @@ class CalibrateTab:
         if faults:
             self._say('; '.join(faults))
             return
-        path = self._keep(image)
+        path = self._keep(image, corners)
         self._say(f'good: {path.name}')
         self._show_missing()
+        self._show_residuals()
 
-    def _keep(self, image: Image) -> Path:
+    def _keep(self, image: Image, corners: Corners) -> Path:
         """Write a picture; :raises FileError: it cannot be written."""
         now = datetime.now(UTC)
         if self._folder is None:
@@ -113,6 +132,7 @@ class CalibrateTab:
         path = self._folder / f'board_{now:%H%M%S_%f}.png'
         with files.atomic_file(path) as temporary:
             temporary.write_bytes(cv2.imencode('.png', image)[1].tobytes())
+        self._kept.append(BoardView(path=path, corners=corners))
         return path
 
     def _show_missing(self) -> None:
@@ -129,35 +149,24 @@ class CalibrateTab:
             lines = ''.join(f'<li>{escape(line)}</li>' for line in guide.missing()[:_TOLD])
             text = f'<p>Next, as the board is drawn:</p><ol>{lines}</ol>'
         count = len(guide.views)
-        self._missing.content = (
-            f'<p>{count} pictures, {guide.coverage:.0%} of the image</p>'
-            f'{guide_svg(guide, propose(guide))}{text}'
+        self._missing.content = f'<p>{count} pictures, {guide.coverage:.0%} of the image</p>{text}'
+        self._volume.content = volume_svg(guide)
+
+    def _show_residuals(self) -> None:
+        """Calibrate the camera by the pictures so far; a set that is too poor says why."""
+        board, guide = self._board, self._guide
+        if board is None or guide is None or len(self._kept) < MIN_VIEWS:
+            return
+        views = BoardViews(found=tuple(self._kept), missed=(), size=guide.size)
+        try:
+            result = calibrate_camera(board, views, where='the pictures so far')
+        except ScanError as error:
+            self._residuals.content = f'<p>no residuals yet: {escape(str(error))}</p>'
+            return
+        focal, std = result.camera.K[0, 0], result.std['fx']
+        self._residuals.content = (
+            f'{residual_svg(result)}<p>focal length {focal:.1f} px, 1 sigma {std:.1f} px</p>'
         )
 
     def _say(self, text: str) -> None:
         self._said.content = f'<p role="status" aria-live="polite">{escape(text)}</p>'
-
-
-def guide_svg(guide: CaptureGuide, proposal: Proposal | None) -> str:
-    """Return the image with the fields that have seen corners, and the board as it goes next."""
-    width, height = guide.size
-    seen = {field for view in guide.views for field in view.fields}
-    fields = ''.join(
-        f'<rect x="{column * width / 3:.0f}" y="{row * height / 3:.0f}" '
-        f'width="{width / 3:.0f}" height="{height / 3:.0f}" stroke="#888" '
-        f'fill="{_SEEN if (row, column) in seen else "#ffffff"}"/>'
-        for row in range(3)
-        for column in range(3)
-    )
-    board, label = '', f'{guide.coverage:.0%} of the image covered'
-    if proposal is not None:
-        points = ' '.join(f'{u * width:.0f},{v * height:.0f}' for u, v in proposal.outline_uv)
-        label += f'; next: {proposal.text}'
-        board = (
-            f'<polygon points="{points}" fill="{_NEXT}" fill-opacity="0.35" '
-            f'stroke="{_NEXT}" stroke-width="{width / 100:.0f}"/>'
-        )
-    return (
-        f'<svg role="img" aria-label="{escape(label)}" viewBox="0 0 {width} {height}" '
-        f'style="width:100%;max-width:22em;border:1px solid #888">{fields}{board}</svg>'
-    )

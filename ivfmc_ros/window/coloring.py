@@ -1,31 +1,78 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Colors of points and meshes by laser, height, uncertainty, brightness or deviation."""
+"""
+Colors of points and meshes by laser, height, uncertainty, brightness or deviation.
+
+What has a unit is colored by the scale of the reports, so that a deviation has the same color in
+both.
+"""
 
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ivfmc_ros.inspection.reports.color_scale import ColorBar
 from ivfmc_ros.model import Bytes
 from ivfmc_ros.model import Floats
+from ivfmc_ros.window.drawn import BRIGHTNESS
+from ivfmc_ros.window.drawn import DEVIATION
+from ivfmc_ros.window.drawn import DrawnMesh
+from ivfmc_ros.window.drawn import DrawnPoints
+from ivfmc_ros.window.drawn import HEIGHT
+from ivfmc_ros.window.drawn import LASER
+from ivfmc_ros.window.drawn import PLAIN
+from ivfmc_ros.window.drawn import SIGMA
+from ivfmc_ros.window.drawn import TEXTURE
+from ivfmc_ros.window.placed_nominal import deviation_bar
+from ivfmc_ros.window.placed_nominal import PlacedNominal
 
-LASER, HEIGHT, SIGMA, BRIGHTNESS, DEVIATION, TEXTURE, PLAIN = (
-    'laser',
-    'height',
-    'uncertainty',
-    'brightness',
-    'deviation',
-    'texture',
-    'plain',
-)
-POINT_MODES = (LASER, HEIGHT, SIGMA, BRIGHTNESS)
 # Colors of up to four lasers that color-blind people can tell apart (Okabe and Ito 2008).
 _LASERS = np.array([(213, 94, 0), (0, 114, 178), (0, 158, 115), (204, 121, 167)], dtype=np.uint8)
 _GRAY = (176, 182, 190)
 # Percentiles between which a scale of colors spans, so that few outliers do not stretch it.
 _SPAN = (2.0, 98.0)
+# Scales of points, meters; fixed, because a batch of profiles must not have one of its own.
+_POINT_BARS = {
+    HEIGHT: ColorBar(low=0.0, high=0.1, quantity=HEIGHT),
+    SIGMA: ColorBar(low=0.0, high=1e-4, quantity=SIGMA),
+}
+
+
+def point_bar(mode: str, nominal: PlacedNominal | None) -> ColorBar | None:
+    """Return the scale of a mode of points; None for one without."""
+    if mode == DEVIATION:
+        return None if nominal is None else nominal.bar
+    return _POINT_BARS.get(mode)
+
+
+def color_points(points: DrawnPoints, mode: str, nominal: PlacedNominal | None) -> Bytes:
+    """Return (n, 3) RGB of n points; those of a deviation are gray without a nominal."""
+    bar = point_bar(mode, nominal)
+    if mode == LASER:
+        return by_laser(points.laser)
+    if mode == BRIGHTNESS:
+        return by_gray(points.intensity)
+    if bar is None:
+        return plain(len(points.points_xyz))
+    if mode == DEVIATION and nominal is not None:
+        return _colors(nominal.deviations(points.points_xyz), bar)
+    return _colors(points.points_xyz[:, 2] if mode == HEIGHT else points.sigma, bar)
+
+
+def color_mesh(mesh: DrawnMesh, mode: str) -> tuple[Bytes, ColorBar | None]:
+    """Return (n, 3) RGB of the vertices of a mesh, and the scale; None for a mode without one."""
+    if mode == PLAIN:
+        return plain(len(mesh.vertices_xyz)), None
+    if mode == TEXTURE:
+        return by_gray(mesh.values[mode]), None
+    values = mesh.vertices_xyz[:, 2] if mode == HEIGHT else mesh.values[mode]
+    if mode == DEVIATION and mesh.tolerance is not None:
+        bar = deviation_bar(mesh.tolerance)
+    else:
+        low, high = span_of(values, symmetric=mode == DEVIATION)
+        bar = ColorBar(low=low, high=high, quantity=mode)
+    return _colors(values, bar), bar
 
 
 def by_laser(lasers: NDArray[Any]) -> Bytes:
@@ -44,6 +91,14 @@ def by_gray(values: Floats) -> Bytes:
     return np.repeat(gray[:, None], 3, axis=1)
 
 
+def linear(colors: Bytes) -> Bytes:
+    """Return (n, 4) linear RGBA, which glTF demands, of (n, 3) sRGB (IEC 61966-2-1)."""
+    share = colors / 255.0
+    light = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    opaque = np.ones((len(colors), 1))
+    return np.asarray(np.hstack([light, opaque]) * 255.0 + 0.5).astype(np.uint8)
+
+
 def span_of(values: Floats, symmetric: bool = False) -> tuple[float, float]:
     """Return the limits of a scale for (n,) values, NaN ignored; about 0 if ``symmetric``."""
     known = values[np.isfinite(values)]
@@ -56,30 +111,13 @@ def span_of(values: Floats, symmetric: bool = False) -> tuple[float, float]:
     return low, max(high, low + 1e-12)
 
 
-def by_value(values: Floats, low: float, high: float, diverging: bool = False) -> Bytes:
-    """
-    Return (n, 3) RGB for (n,) values on a scale; gray where a value is NaN.
-
-    diverging : blue below, white at, red above the middle of the scale
-    """
-    share = np.clip((values - low) / max(high - low, 1e-30), 0.0, 1.0)
-    index = np.nan_to_num(share * 255.0).astype(np.uint8)
-    table = _diverging() if diverging else _viridis()
-    colors = table[index]
-    colors[~np.isfinite(values)] = _GRAY
-    return np.asarray(colors, dtype=np.uint8)
+def bar_html(bar: ColorBar | None) -> str:
+    """Return the scale of colors as HTML that fits the page; '' without one."""
+    if bar is None:
+        return ''
+    svg = bar.svg().replace('<svg ', '<svg style="width:100%;height:auto" ', 1)
+    return f'<div style="padding:0 0.6em">{svg}</div>'
 
 
-def _viridis() -> Bytes:
-    ramp = np.arange(256, dtype=np.uint8)[:, None]
-    colors: Any = cv2.applyColorMap(ramp, cv2.COLORMAP_VIRIDIS)
-    return np.asarray(colors[:, 0, ::-1], dtype=np.uint8).copy()
-
-
-def _diverging() -> Bytes:
-    t = np.linspace(-1.0, 1.0, 256)
-    white = 1.0 - np.abs(t)
-    low = np.array([33.0, 102.0, 172.0])
-    high = np.array([178.0, 24.0, 43.0])
-    end = np.where(t[:, None] < 0.0, low, high)
-    return np.asarray(white[:, None] * 245.0 + (1.0 - white[:, None]) * end, dtype=np.uint8)
+def _colors(values: Floats, bar: ColorBar) -> Bytes:
+    return np.asarray(bar.colors(values)[:, ::-1])

@@ -13,13 +13,17 @@ from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.catalogue.rows import FoundScan
 from ivfmc_ros.storage.catalogue.rows import ScanRow
 from ivfmc_ros.storage.catalogue.search import ScanFilter
+from ivfmc_ros.window.drawn import DrawnMesh
 from ivfmc_ros.window.mesh_files import compare
 from ivfmc_ros.window.mesh_files import load_mesh
-from ivfmc_ros.window.scene_view import DrawnMesh
+from ivfmc_ros.window.placed_nominal import load_placed_nominal
+from ivfmc_ros.window.placed_nominal import PlacedNominal
 
 # Scans that are offered, the newest ones.
 _NEWEST = 50
 _NONE = '(none)'
+# Of a file that is downloaded, which is read as a whole; bags of long scans are larger.
+_MAX_BYTES = 200_000_000
 _REPORTS = ('report.html', 'inspection.html')
 _MESHES = ('mesh.ply', 'mesh.stl')
 
@@ -27,13 +31,20 @@ _MESHES = ('mesh.ply', 'mesh.stl')
 class HistoryTab:
     """Lists scans; only files of scans that the catalogue has are read."""
 
-    def __init__(self, gui: Any, root: Path, show: Callable[[DrawnMesh], object]) -> None:
+    def __init__(
+        self,
+        gui: Any,
+        root: Path,
+        recipe_root: Path | None,
+        show: Callable[[DrawnMesh], object],
+    ) -> None:
         """
         Add the elements to the container that is open in ``gui``.
 
-        root : folder of the scans; show : draws a mesh
+        root, recipe_root : folders of the scans, and of the recipes; None for none
+        show : draws a mesh
         """
-        self._root, self._show = root, show
+        self._root, self._recipe_root, self._show = root, recipe_root, show
         self._found: dict[str, FoundScan] = {}
         self._scan = gui.add_dropdown('Scan', (_NONE,))
         self._other = gui.add_dropdown('Compare with', (_NONE,))
@@ -41,12 +52,13 @@ class HistoryTab:
         self._summary = gui.add_html('')
         draw = gui.add_button('Show mesh', icon='cube')
         report = gui.add_button('Download report', icon='file-text')
-        mesh = gui.add_button('Download mesh', icon='download')
+        self._file = gui.add_dropdown('File', (_NONE,))
+        download = gui.add_button('Download file', icon='download')
         self._scan.on_update(lambda _: self._summarize())
         refresh.on_click(lambda _: self.refresh())
         draw.on_click(self._draw)
-        report.on_click(lambda event: self._send(event, _REPORTS))
-        mesh.on_click(lambda event: self._send(event, _MESHES))
+        report.on_click(self._send_reports)
+        download.on_click(lambda event: self._send(event, str(self._file.value)))
 
     def refresh(self) -> None:
         """Read the catalogue again."""
@@ -67,6 +79,7 @@ class HistoryTab:
 
     def _summarize(self) -> None:
         found = self._found.get(self._scan.value)
+        self._file.options = self._files() or (_NONE,)
         if found is None:
             self._summary.content = f'<small>{len(self._found)} scans</small>'
             return
@@ -94,11 +107,19 @@ class HistoryTab:
                 return
             other = _file(second, _MESHES)
             if second is None or other is None:
-                self._show(load_mesh(path, _unit(first)))
+                self._show(load_mesh(path, _unit(first), self._nominal(event, first.folder)))
             else:
                 self._show(compare(path, _unit(first), other, _unit(second)))
         except ScanError as error:
             _say(event, str(error))
+
+    def _nominal(self, event: Any, folder: Path) -> PlacedNominal | None:
+        try:
+            return load_placed_nominal(folder, self._recipe_root)
+        except ScanError as error:
+            # the mesh is shown all the same
+            _say(event, f'without deviation: {error}')
+            return None
 
     def _row(self, scan_id: str) -> ScanRow | None:
         """Return a scan that the catalogue has; its folder is no choice of the browser."""
@@ -107,14 +128,36 @@ class HistoryTab:
         with closing(Catalogue(self._root)) as catalogue:
             return catalogue.scan(scan_id)
 
-    def _send(self, event: Any, names: tuple[str, ...]) -> None:
+    def _files(self) -> tuple[str, ...]:
+        """Return the names of the files of the scan; empty without one."""
         try:
-            path = _file(self._row(self._scan.value), names)
-        except ScanError as error:
-            _say(event, str(error))
-            return
+            row = self._row(self._scan.value)
+            folder = None if row is None else row.folder
+            found = [] if folder is None else sorted(folder.iterdir())
+        except (ScanError, OSError):
+            return ()
+        return tuple(
+            path.name for path in found if path.is_file() and not path.name.startswith('.')
+        )
+
+    def _send_reports(self, event: Any) -> None:
+        names = [name for name in _REPORTS if name in self._files()]
+        for name in names or _REPORTS[:1]:
+            self._send(event, name)
+
+    def _send(self, event: Any, name: str) -> None:
+        # a browser may name any path
+        path = None
+        if name in self._files():
+            try:
+                path = _file(self._row(self._scan.value), (name,))
+            except ScanError as error:
+                _say(event, str(error))
+                return
         if path is None:
             _say(event, 'this scan has no such file')
+        elif path.stat().st_size > _MAX_BYTES:
+            _say(event, f'{path.name} is too large for the page; it is in the folder of the scan')
         elif event.client is not None:
             event.client.send_file_download(f'{self._scan.value}_{path.name}', path.read_bytes())
 

@@ -11,14 +11,17 @@ from pathlib import Path
 from typing import Any
 
 from ivfmc_ros.errors import NotReadyError
+from ivfmc_ros.scan.recipe import InspectionPlan
 from ivfmc_ros.window.access import Access
 from ivfmc_ros.window.actions import Actions
 from ivfmc_ros.window.calibrate_tab import CalibrateTab
+from ivfmc_ros.window.drawn import DrawnMesh
 from ivfmc_ros.window.gate import Gate
 from ivfmc_ros.window.history_tab import HistoryTab
+from ivfmc_ros.window.placed_nominal import fit_nominal
+from ivfmc_ros.window.placed_nominal import PlacedNominal
 from ivfmc_ros.window.recipe_text import recipe_html
 from ivfmc_ros.window.scan_tab import ScanTab
-from ivfmc_ros.window.scene_view import DrawnMesh
 from ivfmc_ros.window.scene_view import SceneView
 from ivfmc_ros.window.view_tab import ViewTab
 from ivfmc_ros.window.work_tab import WorkTab
@@ -98,6 +101,21 @@ class ViewPage:
         self.scene.show_mesh(mesh)
         self.view_tab.offer_modes()
 
+    def place_nominal(self, nominal: PlacedNominal | None) -> None:
+        """Offer the deviations of the points from a nominal; None: from none."""
+        self.scene.place_nominal(nominal)
+        self.view_tab.offer_modes()
+
+    def offer_fit(self, plan: InspectionPlan) -> None:
+        """Offer provisional deviations of the points from the nominal of a plan."""
+        self.scene.offer_fit(lambda points_xyz: fit_nominal(points_xyz, plan))
+        self.view_tab.offer_modes()
+
+    def clear(self) -> None:
+        """Remove what is drawn of a scan: another one begins."""
+        self.scene.clear()
+        self.view_tab.offer_modes()
+
     def close(self) -> None:
         """End all connections."""
         self._gate.stop()
@@ -141,7 +159,7 @@ class WorkPage(ViewPage):
         with tabs.add_tab('Calibrate', 'ruler-measure'):
             self.calibrate = CalibrateTab(gui, setup.pictures)
         with tabs.add_tab('History', 'history'):
-            self.history = HistoryTab(gui, setup.scans, self.show_mesh)
+            self.history = HistoryTab(gui, setup.scans, setup.recipe_root, self.show_mesh)
 
     def _describe(self, recipe: str) -> str:
         root = self._setup.recipe_root

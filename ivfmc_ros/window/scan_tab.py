@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ivfmc_ros.scan.recipe_verdict import INSPECTION_PAGE
 from ivfmc_ros.window.actions import Actions
 from ivfmc_ros.window.actions import answered
 from ivfmc_ros.window.status_text import features_html
@@ -117,6 +118,9 @@ class ScanTab:
         answered(event, lambda: self._actions.control(request), done)
 
     def _on_report(self, event: Any) -> None:
-        path = Path(self.state.report)
-        if event.client is not None and path.is_file():
-            event.client.send_file_download(f'{self.state.scan_id}.html', path.read_bytes())
+        report = Path(self.state.report)
+        for path in (report, report.with_name(INSPECTION_PAGE)):
+            # a scan that was not judged has no second one
+            if event.client is not None and path.is_file():
+                name = f'{self.state.scan_id}_{path.name}'
+                event.client.send_file_download(name, path.read_bytes())

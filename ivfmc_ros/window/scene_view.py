@@ -9,8 +9,6 @@ however long a scan is.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from dataclasses import field
 import math
 import threading
 from typing import Any
@@ -18,15 +16,21 @@ from typing import Any
 import numpy as np
 
 from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.inspection.reports.color_scale import ColorBar
 from ivfmc_ros.model import Floats
-from ivfmc_ros.model import Ints
-from ivfmc_ros.model import Profile
 from ivfmc_ros.window import cell_drawing
 from ivfmc_ros.window import coloring
+from ivfmc_ros.window import drawn
+from ivfmc_ros.window.drawn import DrawnMesh
+from ivfmc_ros.window.drawn import DrawnPoints
 from ivfmc_ros.window.measuring import Measurement
+from ivfmc_ros.window.placed_nominal import PlacedNominal
 from ivfmc_ros.window.section import cut_mesh
 from ivfmc_ros.window.section import CuttingPlane
 
+# What is shown of a scan that has a mesh.
+MESH, POINTS, BOTH = 'mesh', 'points', 'mesh and points'
+CHOICES = (MESH, POINTS, BOTH)
 # Display units a meter.
 SCALE = 100.0
 # Points that the profiles of a scan may have in the browser; each second one goes beyond.
@@ -36,59 +40,10 @@ _BATCH = 12
 _POINT_SIZE = 0.012  # display units
 _LINES, _PLATTER = (90, 98, 110), (206, 210, 216)
 _MEASURED = (178, 24, 43)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class DrawnPoints:
-    """
-    Points to draw.
-
-    points_xyz : (n, 3) meters, frame ``turntable``
-    laser : (n,) index; sigma : (n,) meters; intensity : (n,) DN
-    """
-
-    points_xyz: Floats
-    laser: Ints
-    sigma: Floats
-    intensity: Floats
-
-    @classmethod
-    def of_profile(cls, profile: Profile) -> 'DrawnPoints':
-        """Return the points of a profile."""
-        return cls(
-            points_xyz=profile.points_xyz,
-            laser=np.full(len(profile), profile.laser),
-            sigma=profile.sigma,
-            intensity=profile.intensity,
-        )
-
-    def every(self, step: int) -> 'DrawnPoints':
-        """Return each ``step``-th point."""
-        return DrawnPoints(
-            points_xyz=self.points_xyz[::step],
-            laser=self.laser[::step],
-            sigma=self.sigma[::step],
-            intensity=self.intensity[::step],
-        )
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class DrawnMesh:
-    """
-    A mesh to draw.
-
-    vertices_xyz, faces : (n, 3) meters, (m, 3)
-    values : (n,) meters or DN of the vertices, by the name of a mode of coloring
-    """
-
-    vertices_xyz: Floats
-    faces: Ints
-    values: dict[str, Floats] = field(default_factory=dict)
-
-    @property
-    def modes(self) -> tuple[str, ...]:
-        """Modes in which it can be colored."""
-        return (coloring.PLAIN, coloring.HEIGHT, *self.values)
+# Intensities of three.js: pi of both together shows a color as it is.
+_AMBIENT, _DIRECTED = 2.1, 1.0
+# Directions from which light comes, in display units: from above left and from the other side.
+_LIGHTS = ((10.0, -30.0, 40.0), (-30.0, 20.0, 10.0))
 
 
 class SceneView:
@@ -97,8 +52,12 @@ class SceneView:
     def __init__(self, server: Any) -> None:
         self._server, self._scene = server, server.scene
         self._lock = threading.RLock()
-        self._mode = coloring.LASER
-        self._mesh_mode = coloring.PLAIN
+        self._mode = drawn.LASER
+        self._mesh_mode = drawn.PLAIN
+        self._mesh_bar: ColorBar | None = None
+        self._choice = MESH
+        self._nominal: PlacedNominal | None = None
+        self._fit: Callable[[Floats], PlacedNominal | None] | None = None
         self._batch: list[DrawnPoints] = []
         self._drawn: list[tuple[str, DrawnPoints]] = []
         self._count = 0
@@ -111,8 +70,18 @@ class SceneView:
         server.scene.set_up_direction('+z')
         server.initial_camera.position = (22.0, -18.0, 16.0)
         server.initial_camera.look_at = (0.0, 0.0, 3.0)
-        self._scene.configure_default_lights(cast_shadow=False)
+        self._light()
         self._scene.on_click()(self._pick)
+
+    def _light(self) -> None:
+        """Light the scene evenly: the color of a deviation must stay readable on every side."""
+        self._scene.configure_default_lights(enabled=False, cast_shadow=False)
+        self._scene.configure_environment_map(None)
+        self._scene.add_light_ambient('/lights/ambient', intensity=_AMBIENT)
+        for number, place in enumerate(_LIGHTS):
+            self._scene.add_light_directional(
+                f'/lights/{number}', intensity=_DIRECTED, position=place
+            )
 
     def show_cell(self, cell: Cell, radius: float, top: float) -> None:
         """
@@ -151,6 +120,7 @@ class SceneView:
             self._scene.remove_by_name('/cloud')
             self._batch, self._drawn = [], []
             self._count, self._step = 0, 1
+            self._nominal = self._fit = None
             self.remove_mesh()
             self.clear_measurement()
 
@@ -166,7 +136,7 @@ class SceneView:
         with self._lock:
             if not self._batch:
                 return
-            merged, self._batch = _merged(self._batch), []
+            merged, self._batch = DrawnPoints.merged(self._batch), []
             thin = merged.every(self._step)
             self._count += len(thin.points_xyz)
             name = f'/profiles/{len(self._drawn):05d}'
@@ -184,42 +154,103 @@ class SceneView:
             self._drawn = [('/cloud', points.every(step))]
             self._draw(*self._drawn[0])
 
-    def color_points(self, mode: str) -> None:
-        """Color all points by a mode of ``coloring.POINT_MODES``."""
-        with self._lock:
-            self._mode = mode
-            for name, points in self._drawn:
-                self._draw(name, points)
+    @property
+    def point_modes(self) -> tuple[str, ...]:
+        """Modes in which the points can be colored."""
+        has_deviation = self._nominal is not None or self._fit is not None
+        return (*drawn.POINT_MODES, *((drawn.DEVIATION,) if has_deviation else ()))
 
-    def show_mesh(self, surface: DrawnMesh) -> None:
-        """Draw a mesh, and hide the points."""
+    def color_points(self, mode: str) -> ColorBar | None:
+        """
+        Color all points by one of ``point_modes``.
+
+        :returns: the scale, None without one
+        :raises ScanError: the nominal could not be placed
+        """
+        if mode == drawn.DEVIATION:
+            self._fit_nominal()
         with self._lock:
-            self._drawn_mesh = surface
-            if self._mesh_mode not in surface.modes:
-                self._mesh_mode = coloring.PLAIN
-            for name, _ in self._drawn:
+            if mode != self._mode:
+                self._mode = mode
+                for name, points in self._drawn:
+                    self._draw(name, points)
+            return coloring.point_bar(mode, self._nominal)
+
+    def place_nominal(self, nominal: PlacedNominal | None) -> None:
+        """Offer the deviations of the points from a nominal; None: from none."""
+        with self._lock:
+            self._nominal, self._fit = nominal, None
+            if self._mode == drawn.DEVIATION:
+                for name, points in self._drawn:
+                    self._draw(name, points)
+
+    def offer_fit(self, fit: Callable[[Floats], PlacedNominal | None]) -> None:
+        """Offer deviations from a nominal that is placed when they are asked for."""
+        with self._lock:
+            self._fit = fit
+
+    def _fit_nominal(self) -> None:
+        """Place the nominal by the points, without keeping those waiting that come."""
+        with self._lock:
+            fit, parts = self._fit, [points for _, points in self._drawn]
+        if fit is None or not parts:
+            return
+        nominal = fit(DrawnPoints.merged(parts).points_xyz)
+        with self._lock:
+            # the inspection may have placed it meanwhile, or another scan begun
+            if self._fit is fit:
+                self._nominal, self._fit = nominal, None
+
+    def show(self, choice: str) -> None:
+        """Show what one of ``CHOICES`` names; the points where there is no mesh yet."""
+        with self._lock:
+            self._choice = choice
+            for name in (*(name for name, _ in self._drawn), '/mesh'):
                 handle = self._scene.get_handle_by_name(name)
                 if handle is not None:
-                    handle.visible = False
+                    handle.visible = (
+                        choice != POINTS if name == '/mesh' else self._are_points_shown
+                    )
+
+    @property
+    def _are_points_shown(self) -> bool:
+        return self._choice != MESH or self._drawn_mesh is None
+
+    def show_mesh(self, surface: DrawnMesh) -> None:
+        """Draw a mesh, by its deviation if it has one; the points are hidden unless chosen."""
+        with self._lock:
+            self._drawn_mesh = surface
+            if drawn.DEVIATION in surface.modes:
+                self._mesh_mode = drawn.DEVIATION
+            elif self._mesh_mode not in surface.modes:
+                self._mesh_mode = drawn.PLAIN
             self._draw_mesh()
+            self.show(self._choice)
 
     def remove_mesh(self) -> None:
         """Remove the mesh."""
         with self._lock:
-            self._drawn_mesh = None
+            self._drawn_mesh = self._mesh_bar = None
             for name in ('/mesh', '/section'):
                 self._scene.remove_by_name(name)
+
+    @property
+    def mesh_mode(self) -> str:
+        """The mode in which the mesh is colored."""
+        return self._mesh_mode
 
     @property
     def mesh_modes(self) -> tuple[str, ...]:
         """Modes in which the mesh can be colored; empty without one."""
         return self._drawn_mesh.modes if self._drawn_mesh is not None else ()
 
-    def color_mesh(self, mode: str) -> tuple[float, float] | None:
-        """Color the mesh by one of ``mesh_modes``; returns the limits of the scale, meters."""
+    def color_mesh(self, mode: str) -> ColorBar | None:
+        """Color the mesh by one of ``mesh_modes``; returns the scale, None without one."""
         with self._lock:
-            self._mesh_mode = mode
-            return self._draw_mesh()
+            if mode != self._mesh_mode:
+                self._mesh_mode = mode
+                self._draw_mesh()
+            return self._mesh_bar
 
     def cut(self, section: CuttingPlane) -> None:
         """Show only one side of a plane, with the outline in it."""
@@ -261,8 +292,8 @@ class SceneView:
 
     def _nearest(self, origin: Floats, direction: Floats) -> Floats | None:
         """Return the drawn point that a ray meets, meters; None beside all of them."""
-        if self._drawn_mesh is not None:
-            candidates = self._drawn_mesh.vertices_xyz
+        if self._drawn_mesh is not None and self._choice != POINTS:
+            candidates = self._section.near_side(self._drawn_mesh.vertices_xyz)
         elif self._drawn:
             candidates = np.concatenate([points.points_xyz for _, points in self._drawn])
         else:
@@ -283,56 +314,40 @@ class SceneView:
         self._scene.add_point_cloud(
             name,
             (SCALE * points.points_xyz).astype(np.float32),
-            self._colors(points),
+            coloring.color_points(points, self._mode, self._nominal),
             point_size=_POINT_SIZE,
             point_shape='circle',
             precision='float32',
-            visible=self._drawn_mesh is None,
+            visible=self._are_points_shown,
         )
 
-    def _colors(self, points: DrawnPoints) -> Any:
-        if self._mode == coloring.LASER:
-            return coloring.by_laser(points.laser)
-        values = {
-            coloring.HEIGHT: points.points_xyz[:, 2],
-            coloring.SIGMA: points.sigma,
-            coloring.BRIGHTNESS: points.intensity,
-        }[self._mode]
-        limits = {coloring.HEIGHT: (0.0, 0.1), coloring.SIGMA: (0.0, 1e-4)}
-        # fixed where possible: a batch must not have a scale of its own
-        return coloring.by_value(values, *limits.get(self._mode, (0.0, 255.0)))
-
-    def _draw_mesh(self) -> tuple[float, float] | None:
+    def _draw_mesh(self) -> None:
         surface = self._drawn_mesh
         if surface is None:
-            return None
+            return
         import trimesh
 
-        limits, colors = self._mesh_colors(surface)
+        colors, self._mesh_bar = coloring.color_mesh(surface, self._mesh_mode)
         kept, outline = cut_mesh(surface.vertices_xyz, surface.faces, self._section)
+        # glTF's own default is a metal, which shows its surroundings instead of its color
+        visuals: Any = trimesh.visual
+        material = visuals.material.PBRMaterial(metallicFactor=0.0, roughnessFactor=1.0)
+        visual = visuals.TextureVisuals(material=material)
+        visual.vertex_attributes['color'] = coloring.linear(colors)
         mesh = trimesh.Trimesh(
-            SCALE * surface.vertices_xyz,
-            surface.faces[kept],
-            vertex_colors=colors,
-            process=False,
+            SCALE * surface.vertices_xyz, surface.faces[kept], visual=visual, process=False
         )
-        self._scene.add_mesh_trimesh('/mesh', mesh, cast_shadow=False, receive_shadow=False)
+        self._scene.add_mesh_trimesh(
+            '/mesh',
+            mesh,
+            cast_shadow=False,
+            receive_shadow=False,
+            visible=self._choice != POINTS,
+        )
         if len(outline):
             self._lines('/section', outline, _MEASURED)
         else:
             self._scene.remove_by_name('/section')
-        return limits
-
-    def _mesh_colors(self, surface: DrawnMesh) -> tuple[tuple[float, float] | None, Any]:
-        mode = self._mesh_mode
-        if mode == coloring.PLAIN:
-            return None, coloring.plain(len(surface.vertices_xyz))
-        if mode == coloring.TEXTURE:
-            return None, coloring.by_gray(surface.values[mode])
-        is_deviation = mode == coloring.DEVIATION
-        values = surface.vertices_xyz[:, 2] if mode == coloring.HEIGHT else surface.values[mode]
-        limits = coloring.span_of(values, symmetric=is_deviation)
-        return limits, coloring.by_value(values, *limits, diverging=is_deviation)
 
     def _lines(
         self, name: str, segments: Floats, color: tuple[int, int, int], thickness: float = 1.5
@@ -344,12 +359,3 @@ class SceneView:
             thickness=thickness,
             thickness_units='screen',
         )
-
-
-def _merged(parts: list[DrawnPoints]) -> DrawnPoints:
-    return DrawnPoints(
-        points_xyz=np.concatenate([part.points_xyz for part in parts]),
-        laser=np.concatenate([part.laser for part in parts]),
-        sigma=np.concatenate([part.sigma for part in parts]),
-        intensity=np.concatenate([part.intensity for part in parts]),
-    )

@@ -25,6 +25,12 @@ class CuttingPlane:
     axis: str = ''
     position: float = 0.0
 
+    def near_side(self, points_xyz: Floats) -> Floats:
+        """Return those of (n, 3) points that the plane does not hide."""
+        if self.axis not in AXES:
+            return points_xyz
+        return np.asarray(points_xyz[points_xyz[:, AXES.index(self.axis)] <= self.position])
+
 
 def cut_mesh(vertices_xyz: Floats, faces: Ints, section: CuttingPlane) -> tuple[Bools, Floats]:
     """

@@ -98,11 +98,14 @@ def scan_state(values: Mapping[str, str]) -> ScanState:
 
 def verdict_html(state: ScanState) -> str:
     """Return the verdict, or the code of the scan, to be read from three meters."""
-    text = state.verdict or (state.code if state.stage in ENDED else '')
+    ended = state.code if state.stage in ENDED else ''
+    # as in the report: a scan that is not OK passes nothing
+    text = ended if ended not in ('', 'OK') else state.verdict or ended
     if not text:
         return ''
-    kind = state.verdict or ('OK' if state.code == 'OK' else 'fail')
-    background, color = _COLORS.get(kind, _COLORS['fail'])
+    # further verdicts decide nothing either
+    kind = text if text in _COLORS else 'not decided' if text == state.verdict else 'fail'
+    background, color = _COLORS[kind]
     # a long code on one line
     size = min(4.0, _VERDICT_WIDTH / len(text))
     return (
@@ -136,7 +139,8 @@ def health_html(nodes: Sequence[tuple[str, str, str]]) -> str:
     )
     head = '<tr><th scope="col">node</th><th scope="col">state</th><th scope="col">says</th></tr>'
     return (
-        '<table aria-label="Health of the nodes" style="font-size:0.8rem;text-align:left">'
+        '<table aria-label="Health of the nodes" style="font-size:0.8rem;text-align:left;'
+        'border-spacing:0.6em 0.1em">'
         f'{head}{rows}</table>'
     )
 
@@ -152,7 +156,7 @@ def features_html(result: Mapping[str, Any]) -> str:
         known = isinstance(measured, int | float) and isinstance(nominal, int | float)
         cells = (
             f'{row.get("feature", "")} {row.get("characteristic", "")}',
-            _millimeters(measured - nominal if known else None),
+            _millimeters(measured - nominal if known else None, '+'),
             _millimeters(row.get('U_m')),
             str(row.get('verdict', '')),
         )
@@ -161,11 +165,14 @@ def features_html(result: Mapping[str, Any]) -> str:
         return ''
     names = ('characteristic', 'deviation, mm', 'U, mm', 'verdict')
     head = ''.join(f'<th scope="col">{name}</th>' for name in names)
-    return f'<table aria-label="Features" style="font-size:0.8rem"><tr>{head}</tr>{rows}</table>'
+    return (
+        '<table aria-label="Features" style="font-size:0.8rem;text-align:left;'
+        f'border-spacing:0.6em 0.1em"><tr>{head}</tr>{rows}</table>'
+    )
 
 
-def _millimeters(value: Any) -> str:
-    return f'{1e3 * value:+.3f}' if isinstance(value, int | float) else ''
+def _millimeters(value: Any, sign: str = '') -> str:
+    return f'{1e3 * value:{sign}.3f}' if isinstance(value, int | float) else ''
 
 
 def _plain(text: str) -> str:

@@ -14,7 +14,9 @@ from ivfmc_ros.acceptance.check import Characteristic
 from ivfmc_ros.acceptance.check import Check
 from ivfmc_ros.acceptance.record import check_document
 from ivfmc_ros.acceptance.record import write_record
+from ivfmc_ros.acceptance.state import certificate_text
 from ivfmc_ros.acceptance.state import check_state
+from ivfmc_ros.acceptance.state import copy_record
 from ivfmc_ros.acceptance.state import record_path
 from ivfmc_ros.cell.calibration_id import calibration_id
 from ivfmc_ros.errors import FileError
@@ -93,6 +95,27 @@ def test_damaged_record_is_refused(tmp_path):
     path.write_text('{"created": "yesterday"}')
     with pytest.raises(FileError, match='no record of a check'):
         check_state(path, 'x', MONTH)
+
+
+def test_title_block_names_the_test_of_this_calibration_only(check, tmp_path):
+    path, own = record_path(tmp_path / 'cell.yaml'), identity(bench_cell())
+    assert certificate_text(path, own) == 'none: the cell was never checked'
+    document = check_document(check, own, 'mesh.ply')
+    write_record(path, {**document, 'created': '2026-11-20T09:00:00+00:00'})
+    assert certificate_text(path, own) == f'pass on 2026-11-20, {check.artifact}, at 20 °C'
+    assert certificate_text(path, 'abc') == 'none: the last check was of another calibration'
+    path.write_text('{"created": "yesterday"}')
+    assert certificate_text(path, own) == ''
+
+
+def test_record_goes_with_a_copy_of_the_cell(check, tmp_path):
+    cell_file, scan = tmp_path / 'bench.yaml', tmp_path / 'scan'
+    scan.mkdir()
+    copy_record(cell_file, scan)
+    assert list(scan.iterdir()) == []
+    write_record(record_path(cell_file), check_document(check, 'abc', 'mesh.ply'))
+    copy_record(cell_file, scan)
+    assert certificate_text(record_path(scan / 'cell.yaml'), 'abc').startswith('pass on ')
 
 
 def test_exact_artifact_and_cell_have_no_normalized_error(check, tmp_path):

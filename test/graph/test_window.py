@@ -5,6 +5,7 @@
 import os
 from pathlib import Path
 import signal
+import socket
 import time
 
 import pytest
@@ -13,24 +14,44 @@ from support.browser import browser
 from support.browser import open_page
 from support.small_cell import small_cell_options
 
+from ivfmc_ros.meshing.io.export import write_solid
+from ivfmc_ros.simulation.parts.solids import demo_part
+
 # Screenshots, to be looked at.
 SHOTS = Path(__file__).resolve().parents[2] / 'build' / 'window'
 PORT = 8188
 ADDRESS = f'http://127.0.0.1:{PORT}'
+RECIPE = """
+part: bracket
+scan: {profiles: 100}
+inspection: {nominal: demo.stl, tolerance: 0.2}
+"""
 
 
 @pytest.fixture(scope='module')
-def cell(start_shared, tmp_path_factory):
+def recipes(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('recipes')
+    part = demo_part()
+    write_solid(folder / 'demo.stl', part.vertices_xyz, part.faces)
+    (folder / 'judged.yaml').write_text(RECIPE)
+    return folder
+
+
+@pytest.fixture(scope='module')
+def cell(start_shared, tmp_path_factory, recipes):
     options = small_cell_options(tmp_path_factory.mktemp('small'))
-    yield start_shared(*options, '--window', '--set', f'window.port={PORT}')
+    port = f'window.port={PORT}'
+    yield start_shared(*options, '--recipes', recipes, '--window', '--set', port)
 
 
 @pytest.fixture
 def page(cell, client):
     SHOTS.mkdir(parents=True, exist_ok=True)
+    # the nodes of a cell take long to start on a busy computer
+    client.until(lambda: 'serving' in client.diagnostic('window'), 180.0, cell.log())
     with browser() as (page,):
         open_page(page, ADDRESS)
-        button(page, 'Start scan').wait_for(timeout=60_000)
+        button(page, 'Start scan').wait_for(timeout=120_000)
         client.until(lambda: 'connected' in client.diagnostic('turntable'), 60.0, cell.log())
         yield page
         assert page.errors == []
@@ -57,6 +78,38 @@ def shows(page, text, seconds=60.0):
 
 def fill(page, name, text):
     page.get_by_label(name, exact=True).first.fill(text)
+
+
+def head(target, **headers):
+    fields = {'Host': f'127.0.0.1:{PORT}', **headers}
+    lines = ''.join(f'{name}: {text}\r\n' for name, text in fields.items())
+    return f'GET {target} HTTP/1.1\r\n{lines}\r\n'.encode()
+
+
+def exchange(target, **headers):
+    """Send a request as it is, without what a client would mend, and return the response."""
+    with socket.create_connection(('127.0.0.1', PORT), 30) as connection:
+        connection.sendall(head(target, **headers))
+        data = b''
+        while chunk := connection.recv(65536):
+            data += chunk
+    return data
+
+
+def flood(megabytes):
+    """Send a WebSocket message of so many megabytes."""
+    key = {'Sec-WebSocket-Key': 'dGhlIHNhbXBsZSBub25jZQ==', 'Sec-WebSocket-Version': '13'}
+    with socket.create_connection(('127.0.0.1', PORT), 30) as connection:
+        connection.sendall(head('/', Upgrade='websocket', Connection='Upgrade', **key))
+        # the server answers, or closes: nothing is read, as the sender does not care
+        connection.sendall(b'\x82\xff' + (megabytes * 1_000_000).to_bytes(8, 'big') + bytes(4))
+        for _ in range(megabytes):
+            connection.sendall(bytes(1_000_000))
+
+
+def refused(client):
+    """How many requests the window has refused, by its diagnostics."""
+    return int(client.diagnostic('window').partition('refused: ')[2].partition(' ')[0] or 0)
 
 
 def start_scan(page, client, profiles):
@@ -100,6 +153,50 @@ def test_scan_is_paused_and_resumed_and_ends_with_a_mesh(page, client, cell):
     tab(page, 'History')
     button(page, 'List again').click(timeout=60_000)
     page.screenshot(path=SHOTS / 'history.png')
+
+
+@pytest.mark.slow
+def test_scan_by_a_recipe_ends_with_its_verdict_and_deviations(page, client, cell):
+    before = value(client, 'scan_id')
+    page.get_by_label('Recipe', exact=True).first.click(timeout=60_000)
+    page.get_by_role('option', name='judged').click(timeout=60_000)
+    shows(page, 'judged by')
+    button(page, 'Start scan').click(timeout=60_000)
+    client.until(lambda: value(client, 'scan_id') != before, 30.0, 'no scan was started')
+    client.until(lambda: value(client, 'stage') == 'DONE', 300.0, cell.log())
+    # the simulated cell states no covariance
+    assert value(client, 'verdict') == 'no uncertainty known'
+    shows(page, 'NO UNCERTAINTY KNOWN')
+    page.screenshot(path=SHOTS / 'verdict.png')
+    tab(page, '3-D')
+    shows(page, 'tolerance ±0.200')
+    page.wait_for_timeout(3000)
+    page.screenshot(path=SHOTS / 'deviation.png')
+    tab(page, 'Calibrate')
+    page.screenshot(path=SHOTS / 'calibrate.png')
+
+
+@pytest.mark.slow
+def test_scan_goes_on_while_the_page_is_abused(client, cell):
+    """10,000 requests of another origin, paths, and a message of 100 MB."""
+    client.until(lambda: 'publishing' in client.diagnostic('camera'), 60.0, cell.log())
+    assert client.set('orchestrator', profiles=100, recipe='').successful
+    success, started = client.trigger('start_scan')
+    assert success, started
+    for _ in range(10_000):
+        answer = exchange('/', Origin='http://evil.example')
+        assert answer.startswith(b'HTTP/1.1 403')
+    for path in ('/../../../../etc/passwd', '/%2e%2e/%2e%2e/%2e%2e/%2e%2e/etc/passwd'):
+        assert b'root:' not in exchange(path)
+    with pytest.raises(OSError):
+        flood(100)
+    client.until(lambda: value(client, 'stage') in ('DONE', 'FAILED'), 300.0, cell.log())
+    assert value(client, 'scan_id') == started['scan_id']
+    assert value(client, 'code') == 'OK'
+    # the diagnostics come once a second
+    client.until(lambda: refused(client) > 10_000, 10.0, cell.log())
+    assert 'a page of another origin' in cell.log()
+    assert 'a message that is too large' in cell.log()
 
 
 @pytest.mark.slow

@@ -10,6 +10,8 @@ from ivfmc_ros.simulation.bench import bench_cell
 from ivfmc_ros.simulation.parts.solids import demo_part
 from ivfmc_ros.window import cell_drawing
 from ivfmc_ros.window import coloring
+from ivfmc_ros.window import drawn
+from ivfmc_ros.window.drawn import DrawnMesh
 from ivfmc_ros.window.measuring import Measurement
 from ivfmc_ros.window.section import cut_mesh
 from ivfmc_ros.window.section import CuttingPlane
@@ -41,6 +43,12 @@ def test_plane_beside_a_mesh_keeps_or_hides_all_of_it():
     assert len(outline) == 0
 
 
+def test_what_a_plane_hides_is_not_picked():
+    plane = CuttingPlane(axis='x', position=0.5)
+    np.testing.assert_array_equal(plane.near_side(CORNERS), CORNERS[CORNERS[:, 0] == 0.0])
+    np.testing.assert_array_equal(CuttingPlane().near_side(CORNERS), CORNERS)
+
+
 def test_section_of_a_real_part_is_closed():
     solid = demo_part()
     _, outline = cut_mesh(solid.vertices_xyz, solid.faces, CuttingPlane(axis='z', position=0.0123))
@@ -63,19 +71,44 @@ def test_distance_is_said_with_its_components():
     assert measured.text == '5.00 mm  (x +3.00, y +0.00, z -4.00)'
 
 
-def test_scale_of_a_deviation_is_white_at_zero():
-    low, high = coloring.span_of(np.linspace(-1.0, 2.0, 100), symmetric=True)
-    assert low == -high
-    white, red, blue = coloring.by_value(np.array([0.0, high, low]), low, high, diverging=True)
-    assert white.min() > 235
+def test_scale_of_a_deviation_is_green_at_zero():
+    values = np.array([0.0, 1e-3, -1e-3])
+    mesh = DrawnMesh(
+        vertices_xyz=np.zeros((3, 3)), faces=CUBE[:1], values={drawn.DEVIATION: values}
+    )
+    (green, red, blue), bar = coloring.color_mesh(mesh, drawn.DEVIATION)
+    assert bar.low == -bar.high
+    assert green[1] > max(green[0], green[2])
     assert red[0] > 2 * red[2]
     assert blue[2] > 2 * blue[0]
+    # the page writes the unit at the scale
+    assert 'deviation, mm' in coloring.bar_html(bar)
+
+
+def test_colors_of_gltf_are_linear_light():
+    colors = coloring.linear(np.array([(0, 128, 255), (10, 188, 64)], dtype=np.uint8))
+    # sRGB of a half is 188, that of 0.2158 is 128
+    assert colors.tolist() == [[0, 55, 255, 255], [1, 128, 13, 255]]
+
+
+def test_deviation_from_a_nominal_has_the_scale_of_its_report():
+    values = np.array([0.0, 1e-3, -1e-3])
+    mesh = DrawnMesh(
+        vertices_xyz=np.zeros((3, 3)),
+        faces=CUBE[:1],
+        values={drawn.DEVIATION: values},
+        tolerance=1e-4,
+    )
+    _, bar = coloring.color_mesh(mesh, drawn.DEVIATION)
+    assert (bar.low, bar.high, bar.tolerance) == (-2e-4, 2e-4, 1e-4)
 
 
 def test_unknown_values_are_gray():
-    colors = coloring.by_value(np.array([np.nan, 0.5]), 0.0, 1.0)
-    np.testing.assert_array_equal(colors[0], coloring.plain(1)[0])
-    assert (colors[1] != colors[0]).any()
+    values = {drawn.SIGMA: np.array([np.nan, 2e-5, 3e-5])}
+    mesh = DrawnMesh(vertices_xyz=np.zeros((3, 3)), faces=CUBE[:1], values=values)
+    colors, _ = coloring.color_mesh(mesh, drawn.SIGMA)
+    assert np.ptp(colors[0].astype(int)) < 20
+    assert np.ptp(colors[1].astype(int)) > 60
     assert coloring.span_of(np.full(3, np.nan)) == (0.0, 1.0)
 
 

@@ -7,6 +7,7 @@ from ivfmc_ros.meshing.io.export import write_mesh
 from ivfmc_ros.model import Mesh
 from ivfmc_ros.simulation.parts.solids import box
 from ivfmc_ros.window import coloring
+from ivfmc_ros.window import drawn as modes
 from ivfmc_ros.window.mesh_files import compare
 from ivfmc_ros.window.mesh_files import load_mesh
 
@@ -30,8 +31,8 @@ def path(tmp_path):
 
 def test_texture_is_offered_where_the_file_has_colors(path):
     drawn = load_mesh(path, 'mm')
-    assert coloring.TEXTURE in drawn.modes
-    gray = drawn.values[coloring.TEXTURE]
+    assert modes.TEXTURE in drawn.modes
+    gray = drawn.values[modes.TEXTURE]
     upper = drawn.vertices_xyz[:, 2] > 0.02
     assert gray[upper] == pytest.approx(255, abs=1)
     assert gray[~upper] == pytest.approx(64, abs=2)
@@ -41,10 +42,10 @@ def test_texture_is_offered_where_the_file_has_colors(path):
 
 
 def test_file_without_colors_has_no_texture(path):
-    assert coloring.TEXTURE not in load_mesh(path.with_suffix('.stl'), 'mm').modes
+    assert modes.TEXTURE not in load_mesh(path.with_suffix('.stl'), 'mm').modes
 
 
 def test_compared_mesh_has_both(path):
     drawn = compare(path, 'mm', path, 'mm')
-    assert {coloring.DEVIATION, coloring.TEXTURE} <= set(drawn.modes)
-    assert drawn.values[coloring.DEVIATION] == pytest.approx(0.0, abs=1e-9)
+    assert {modes.DEVIATION, modes.TEXTURE} <= set(drawn.modes)
+    assert drawn.values[modes.DEVIATION] == pytest.approx(0.0, abs=1e-9)

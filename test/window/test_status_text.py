@@ -5,6 +5,7 @@ import json
 import pytest
 
 from ivfmc_ros.codes import CODES
+from ivfmc_ros.inspection.verdict import VERDICTS
 from ivfmc_ros.scan.state_machine import Stage
 from ivfmc_ros.window.status_text import features_html
 from ivfmc_ros.window.status_text import health_html
@@ -53,6 +54,20 @@ def test_verdict_is_shown_large_and_the_code_where_there_is_none():
     assert verdict_html(scan_state({'stage': 'SCANNING', 'code': ''})) == ''
 
 
+def test_verdict_of_a_scan_that_is_not_ok_is_its_code():
+    slipped = scan_state({'stage': 'FAILED', 'code': 'SLIPPED', 'verdict': 'pass'})
+    assert '>SLIPPED<' in verdict_html(slipped)
+    assert 'PASS' not in verdict_html(slipped)
+
+
+@pytest.mark.parametrize('verdict', VERDICTS)
+def test_only_pass_is_green_and_only_fail_is_red(verdict):
+    html = verdict_html(scan_state({'stage': 'DONE', 'code': 'OK', 'verdict': verdict}))
+    assert f'>{verdict.upper()}<' in html
+    assert ('#0b5d1e' in html) == (verdict == 'pass')
+    assert ('#8f1010' in html) == (verdict == 'fail')
+
+
 @pytest.mark.parametrize('code', [code for code in CODES if code != 'OK'])
 def test_every_code_comes_with_its_remedy(code):
     result = json.dumps({'code': code, 'detail': 'a <cause> & more'})
@@ -78,6 +93,6 @@ def test_features_have_deviation_and_uncertainty_in_mm():
         'measured_m': 0.00912, 'U_m': 2e-5, 'verdict': 'fail',
     }  # fmt: skip
     text = features_html({'inspection': {'characteristics': [row]}})
-    for part in ('hole 3 diameter', '+0.120', '+0.020', 'fail'):
+    for part in ('hole 3 diameter', '+0.120', '>0.020<', 'fail'):
         assert part in text
     assert features_html({}) == ''

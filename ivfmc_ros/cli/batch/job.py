@@ -27,6 +27,7 @@ from ivfmc_ros.pipeline import reconstruct
 from ivfmc_ros.pipeline import reconstruct_profiles
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.results import write_results
+from ivfmc_ros.scan.title_block import source_texts
 from ivfmc_ros.storage.bag.locate import find_files
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.scans.stored_scan import load_profiles
@@ -120,7 +121,9 @@ def _reconstruct(job: BatchJob) -> BatchOutcome:
     files.make_folder(job.output)
     with tempfile.TemporaryDirectory(prefix=f'.{job.name}-', dir=job.output) as name:
         result = Path(name) / 'result'
-        document = write_results(result, cell, made, str(job.bag or job.scan_id), skipped)
+        source = str(job.bag or job.scan_id)
+        heading = source_texts(_folder_of(job), job.cell_path)
+        document = write_results(result, cell, made, source, skipped, heading=heading)
         code = str(document.get('code', 'OK'))
         counts = {**document['counts'], 'residuals': document['residuals']}
         text = json.dumps({'fingerprint': mark, 'code': code, 'counts': counts}, default=str)
@@ -136,6 +139,13 @@ def _reconstruct(job: BatchJob) -> BatchOutcome:
             return finished
     detail = str(document.get('detail', ''))
     return BatchOutcome(name=job.name, code=code, detail=detail, counts=counts, is_new=True)
+
+
+def _folder_of(job: BatchJob) -> Path:
+    """Return the folder of the bag, or that of the scan."""
+    if job.bag is None:
+        return Catalogue(job.root).scan(job.scan_id).folder
+    return job.bag if job.bag.is_dir() else job.bag.parent
 
 
 def fingerprint(job: BatchJob) -> str:

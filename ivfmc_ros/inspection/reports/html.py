@@ -148,7 +148,9 @@ def _verdict(figures: Mapping[str, Any]) -> str:
 
 def _heading(texts: Mapping[str, str]) -> str:
     items = ''.join(
-        f'<div><dt>{escape(name)}</dt><dd>{escape(text) or "&nbsp;"}</dd></div>'
+        f'<div><dt>{escape(name)}</dt>'
+        # what is left blank is filled in on paper
+        f'{f"<dd>{escape(text)}</dd>" if text else "<dd class=blank>&nbsp;</dd>"}</div>'
         for name, text in zip(texts, map(tables.without_folders, texts.values()), strict=True)
     )
     return f'<dl class="heading">{items}</dl>' if items else ''

@@ -25,6 +25,7 @@ figure { margin: 0; min-width: 0 } figcaption { color: #5a6675; font-size: 13px 
 .heading { display: grid; grid-template-columns: repeat(auto-fill, minmax(220px, 1fr));
   gap: 2px 18px; margin: 8px 0 14px; border: 1px solid #dde3ea; padding: 8px 12px }
 .heading dt { color: #5a6675; font-size: 12px } .heading dd { margin: 0 0 4px }
+.heading .blank { border-bottom: 1px solid #5a6675 }
 details { border-top: 1px solid #dde3ea } summary { cursor: pointer }
 summary h2 { display: inline-block; margin: 10px 0 } .print { display: none }
 .line { white-space: nowrap } .sentence { display: inline-block; min-width: 14em;

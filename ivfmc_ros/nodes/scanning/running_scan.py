@@ -12,6 +12,7 @@ from typing import Any
 
 from rclpy.task import Future
 
+from ivfmc_ros.acceptance.state import copy_record
 from ivfmc_ros.cell.camera_file import save_camera
 from ivfmc_ros.cell.cell_file import CellDraft
 from ivfmc_ros.cell.cell_file import save_draft
@@ -31,7 +32,6 @@ from ivfmc_ros.scan.state_machine import FINAL_STAGES
 from ivfmc_ros.scan.state_machine import Stage
 from ivfmc_ros.scan.state_machine import StateMachine
 from ivfmc_ros.storage.catalogue.calibrations import add_calibration
-from ivfmc_ros.storage.catalogue.calibrations import keep_record
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.catalogue.catalogue_writer import CatalogueWriter
 from ivfmc_ros.storage.catalogue.inspections import add_inspection
@@ -93,13 +93,13 @@ class RunningScan:
 
     def save_inputs(self, draft: CellDraft, parameters: Mapping[str, Any]) -> None:
         """
-        Write cell.yaml, its last acceptance test, the parameters and the catalogue row.
+        Write cell.yaml with the record of its test, the parameters and the catalogue row.
 
         :raises ScanError: one of them cannot be written; the folder is removed again
         """
         try:
             save_draft(self.folder / 'cell.yaml', draft)
-            keep_record(Path(parameters['cell']), self.folder)
+            copy_record(self.context.cell, self.folder)
             scan_folder.save_parameters(self.folder, parameters)
             self._save()
             catalogue = Catalogue(self.folder.parent, create=True, timeout_s=_CATALOGUE_TIMEOUT_S)
@@ -248,6 +248,7 @@ class RunningScan:
     def _save(self, outcome: Outcome | None = None) -> None:
         document: dict[str, Any] = {
             'scan_id': self.scan_id,
+            'cell': self.context.cell_name,
             'stage': str(self.machine.stage),
             'code': '' if outcome is None else outcome.code,
             'detail': '' if outcome is None else outcome.detail,

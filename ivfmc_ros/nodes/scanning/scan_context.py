@@ -18,6 +18,7 @@ class ScanContext:
     The constants of a running scan.
 
     cell : path of cell.yaml
+    cell_name : namespace of its nodes
     tolerance : of table positions, radians
     patience : time-out of one profile, seconds
     home : home the table first
@@ -32,6 +33,7 @@ class ScanContext:
     plan: Plan
     motion: MotionLimits
     cell: Path
+    cell_name: str
     tolerance: float
     patience: float
     home: bool

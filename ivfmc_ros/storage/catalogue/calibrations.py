@@ -39,18 +39,6 @@ class CertificateRow:
     verdict: str
 
 
-def keep_record(cell_file: Path, folder: Path) -> None:
-    """
-    Copy the record of the last acceptance test of a cell to the folder of a scan, if there is one.
-
-    :raises FileError: it cannot be read or written
-    """
-    record = record_path(cell_file)
-    if record.is_file():
-        text = files.read_bytes(record).decode('utf-8', 'replace')
-        files.write_text(record_path(folder / _CELL_FILE), text)
-
-
 def add_calibration(catalogue: Catalogue, scan_id: str, folder: Path) -> bool:
     """
     Add cell.yaml in the folder of a scan, and the acceptance test of that calibration, if any.

@@ -74,6 +74,7 @@ def test_verdict_comes_first_and_other_parts_are_folded(tmp_path):
     assert text.index('<p class="banner fail">FAIL</p>') < text.index('<h1>')
     assert '<dt>part</dt><dd>a &lt;part&gt;</dd>' in text
     assert '<dd>mesh.ply</dd>' in text
+    assert '<dt>operator</dt><dd class=blank>' in text
     assert '/somewhere' not in text
     assert '<details open><summary><h2>surface</h2>' in text
     assert '<details><summary><h2>seconds</h2>' in text

@@ -11,12 +11,12 @@ import sqlalchemy as sql
 from support.recordings import write_profiles
 from support.synthetic import small_cell
 
+from ivfmc_ros.acceptance.state import copy_record
 from ivfmc_ros.cell.calibration_id import calibration_id
 from ivfmc_ros.cell.cell_file import save_cell
 from ivfmc_ros.storage.archive.rebuild import rebuild_scan
 from ivfmc_ros.storage.catalogue.calibrations import add_calibration
 from ivfmc_ros.storage.catalogue.calibrations import certificates
-from ivfmc_ros.storage.catalogue.calibrations import keep_record
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.catalogue.schema import CALIBRATIONS
 from ivfmc_ros.storage.catalogue.search import ScanFilter
@@ -66,7 +66,7 @@ def test_acceptance_test_of_the_calibration_is_kept_once(root, tmp_path):
     (tmp_path / 'cell.check.json').write_text(json.dumps(record()))
     catalogue = Catalogue(root)
     for name in ('s1', 's2', 's1'):
-        keep_record(tmp_path / 'cell.yaml', root / name)
+        copy_record(tmp_path / 'cell.yaml', root / name)
         add_calibration(catalogue, name, root / name)
     [found] = certificates(catalogue, 's2')
     assert (found.created, found.verdict) == ('2026-11-20T10:00:00+00:00', 'pass')
@@ -99,7 +99,7 @@ def test_scan_without_a_calibration_is_a_scan(root):
 
 def test_calibration_is_rebuilt_from_the_folder(root, tmp_path):
     (tmp_path / 'cell.check.json').write_text(json.dumps(record()))
-    keep_record(tmp_path / 'cell.yaml', root / 's1')
+    copy_record(tmp_path / 'cell.yaml', root / 's1')
     (root / 'catalogue.sqlite3').unlink()
     catalogue = Catalogue(root, create=True)
     rebuild_scan(catalogue, root / 's1')
@@ -108,5 +108,5 @@ def test_calibration_is_rebuilt_from_the_folder(root, tmp_path):
 
 
 def test_cell_without_a_test_has_no_record(root, tmp_path):
-    keep_record(tmp_path / 'cell.yaml', root / 's1')
+    copy_record(tmp_path / 'cell.yaml', root / 's1')
     assert not (root / 's1' / 'cell.check.json').exists()
