@@ -4,16 +4,23 @@
 Compares the profiles of a scan with its plan: number, greatest gap in angle, share with a stripe.
 
 Angles are compared in the frame of the planned sweep: table positions without the whole turns that
-the triangulator leaves out, and without those that a repeated sweep begins later.
+the triangulator leaves out, and without those that a repeated sweep begins later. A scan that was
+interrupted has several parts; the triangulator leaves out other turns in each.
 """
 
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import replace
+from itertools import pairwise
 import math
 from typing import Any
 
+from ivfmc_ros.scan.angle_ranges import degrees_of
+from ivfmc_ros.scan.angle_ranges import gaps
+from ivfmc_ros.scan.angle_ranges import merged
+from ivfmc_ros.scan.angle_ranges import Range
+from ivfmc_ros.scan.angle_ranges import without_turns
 from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.plan import NOT_MEASURED
 from ivfmc_ros.scan.plan import Plan
@@ -26,17 +33,15 @@ _TURN = 2.0 * math.pi
 
 # A repeated sweep begins and ends this many steps outside of the missing angles.
 _MARGIN_STEPS = 3.0
-# Least number of profiles of a repeated sweep: the motion model is fitted to 12 or more.
+# Least number of profiles of a repeated sweep and of an interrupted one: the motion model is
+# fitted to 12 or more, and views without it are left out (``registration.views.motion_fit``).
 _MIN_RETAKEN = 20
 # With more holes the range that holds all of them is taken again in one sweep.
 _MAX_HOLES = 3
 # The table stops within this many steps of a planned angle.
 _TOLERANCE_STEPS = 0.1
-# Angle differences below this, radians, are rounding: angles are published in single precision.
+# Part of a step that is rounding.
 _ROUNDING = 1e-4
-
-# A range of angles, from and to, radians.
-Range = tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,6 +113,26 @@ class Completeness:
         self._next_view = plan.views
         self._sweeps: dict[int, Sweep] = {}
         self._retakes: dict[int, list[Sweep]] = {}
+        self._parts = [0]
+
+    def take_over(self, begun: Sequence[Sweep], parts: Sequence[int]) -> None:
+        """
+        Go on with a scan that was interrupted.
+
+        begun : the sweeps that have begun, as they were executed
+        parts : number of the first profile of each part of the scan, 0 first
+        """
+        for sweep in begun:
+            self.begin(sweep)
+        known = [view for sweep in begun for view in sweep.views]
+        self._next_view = max(self._next_view, 1 + max(known, default=NOT_MEASURED))
+        self._parts = sorted(parts)
+
+    @property
+    def executed(self) -> list[Sweep]:
+        """The sweeps that have begun, repeated ones behind the planned ones."""
+        repeated = [one for many in self._retakes.values() for one in many]
+        return [*self._sweeps.values(), *repeated]
 
     def begin(self, sweep: Sweep) -> None:
         """Note that a sweep is executed now."""
@@ -134,6 +159,46 @@ class Completeness:
         if len(holes) > _MAX_HOLES:
             holes = [(holes[0][0], holes[-1][1])]
         return [self._retake(sweep, hole) for hole in holes]
+
+    def remaining(self, sweep: Sweep, headers: Mapping[int, ProfileHeader]) -> list[Sweep]:
+        """
+        Return the sweeps that take what is missing of a sweep that was interrupted.
+
+        Each is a view of its own. A view with fewer profiles than the motion model needs counts as
+        missing.
+
+        headers : of all profiles of the scan, by number
+        """
+        if sweep.velocity > 0.0:
+            begins = {
+                max(one.views): one.start - (0.0 if one is sweep else one.turns * _TURN)
+                for one in (sweep, *self._retakes.get(sweep.number, ()))
+            }
+            found = self._angles_by_view(sweep, sweep.lasers[0], headers)
+            margin = _TOLERANCE_STEPS * sweep.span / sweep.profiles
+            usable = [
+                angle
+                for view, angles in found.items()
+                if sum(angle > begins[view] - margin for angle in angles) >= _MIN_RETAKEN
+                for angle in angles
+            ]
+            holes = self._holes(sweep, [(angle, angle) for angle in usable])
+        else:
+            holes = self._missing_stops(sweep, headers)
+        return [self._retake(sweep, hole) for hole in holes]
+
+    def _missing_stops(self, sweep: Sweep, headers: Mapping[int, ProfileHeader]) -> list[Range]:
+        """Return the stops from the first to the last at which a laser has no profile."""
+        tolerance = _TOLERANCE_STEPS * sweep.span / sweep.profiles
+        missing = []
+        for laser in sweep.lasers:
+            taken = sorted(low for low, _ in self._header_runs(sweep, laser, headers))
+            missing += [
+                stop
+                for stop in sweep.angles()
+                if not any(abs(angle - stop) <= tolerance for angle in taken)
+            ]
+        return [(min(missing), max(missing))] if missing else []
 
     def coverage(
         self,
@@ -165,8 +230,7 @@ class Completeness:
             counts the triggers without an image
         """
         found = {'not_received': 0, 'not_taken': 0}
-        taken = [*self._sweeps.values(), *(one for many in self._retakes.values() for one in many)]
-        for sweep in taken:
+        for sweep in self.executed:
             stamps = sorted(h.stamp_ns for h in headers.values() if h.view in sweep.views)
             if not stamps or not sweep.velocity > 0.0:
                 continue
@@ -191,19 +255,19 @@ class Completeness:
         runs = self._header_runs(sweep, laser, headers)
         numbers = self._numbers(sweep, laser)
         own = [header for header in headers.values() if header.view in numbers]
-        holes, gaps = self._holes(sweep, runs), _gaps(begin, end, runs)
+        holes, open_ranges = self._holes(sweep, runs), gaps(begin, end, runs)
         kept = self._registered_runs(sweep, laser, headers, registered)
         if kept is not None:
             # what the registrar dropped is missing, too
             holes = sorted({*holes, *self._holes(sweep, kept)})
-            gaps += _gaps(begin, end, kept)
+            open_ranges += gaps(begin, end, kept)
         coverage = ViewCoverage(
             view=min(numbers),
             laser=laser,
             planned=sweep.profiles,
             profiles=self._count(sweep, runs),
-            largest_gap=max((high - low for low, high in gaps), default=0.0),
-            missing=tuple(_without_turns(hole) for hole in _merged(holes)),
+            largest_gap=max((high - low for low, high in open_ranges), default=0.0),
+            missing=tuple(without_turns(hole) for hole in merged(holes)),
             stripe=sum(header.points > 0 for header in own) / len(own) if own else 0.0,
             retaken=tuple(sorted(numbers)[1:]),
         )
@@ -212,15 +276,19 @@ class Completeness:
     def _retake(self, sweep: Sweep, hole: Range) -> Sweep:
         step = sweep.span / sweep.profiles
         begin, end = hole[0] - _MARGIN_STEPS * step, hole[1] + _MARGIN_STEPS * step
-        short = max(0.0, _MIN_RETAKEN * step - (end - begin))
-        begin, end = begin - 0.5 * short, end + 0.5 * short
+        is_step = not sweep.velocity > 0.0
+        short = 0.0 if is_step else max(0.0, _MIN_RETAKEN * step - (end - begin))
+        # the range ends behind the last profile in step motion
+        begin, end = begin - 0.5 * short, end + 0.5 * short + (step if is_step else 0.0)
         if end - begin >= sweep.span:
-            begin, end = self._range(sweep)
-        views = tuple(NOT_MEASURED if v < 0 else self._next_view for v in sweep.views)
-        self._next_view += 1
+            begin, end = sweep.start, sweep.start + sweep.span
+        views = []
+        for view in sweep.views:
+            views.append(NOT_MEASURED if view < 0 else self._next_view)
+            self._next_view += view >= 0
         return replace(
             sweep,
-            views=views,
+            views=tuple(views),
             start=begin,
             span=end - begin,
             profiles=math.ceil((end - begin) / step - _ROUNDING),
@@ -243,7 +311,7 @@ class Completeness:
 
     def _holes(self, sweep: Sweep, runs: Sequence[Range]) -> list[Range]:
         limit = self._limits.max_gap * sweep.span / sweep.profiles
-        return [gap for gap in _gaps(*self._range(sweep), runs) if gap[1] - gap[0] > limit]
+        return [gap for gap in gaps(*self._range(sweep), runs) if gap[1] - gap[0] > limit]
 
     def _numbers(self, sweep: Sweep, laser: str) -> dict[int, float]:
         """Return the views of a planned one, and the radians by which each began later."""
@@ -257,13 +325,20 @@ class Completeness:
     def _header_runs(
         self, sweep: Sweep, laser: str, headers: Mapping[int, ProfileHeader]
     ) -> list[Range]:
+        found = self._angles_by_view(sweep, laser, headers)
+        return [(angle, angle) for angles in found.values() for angle in angles]
+
+    def _angles_by_view(
+        self, sweep: Sweep, laser: str, headers: Mapping[int, ProfileHeader]
+    ) -> dict[int, list[float]]:
+        """Return the angles of the profiles of each view of a planned one."""
         numbers, omitted = self._numbers(sweep, laser), self._omitted(headers)
-        angles = (
-            header.angle + omitted - numbers[header.view]
-            for header in headers.values()
-            if header.view in numbers
-        )
-        return [(angle, angle) for angle in angles]
+        found: dict[int, list[float]] = {view: [] for view in numbers}
+        for header in headers.values():
+            if header.view in numbers:
+                turns = omitted[header.view] - numbers[header.view]
+                found[header.view].append(header.angle + turns)
+        return found
 
     def _registered_runs(
         self,
@@ -276,57 +351,26 @@ class Completeness:
         if not any('runs' in view for view in registered):
             return None
         numbers, omitted = self._numbers(sweep, laser), self._omitted(headers)
-        return [
-            (low + omitted - numbers[view['view']], high + omitted - numbers[view['view']])
-            for view in registered
-            if view['view'] in numbers
-            for low, high in view.get('runs', ())
-        ]
+        found = []
+        for view in registered:
+            if view['view'] in numbers:
+                turns = omitted.get(view['view'], 0.0) - numbers[view['view']]
+                found += [(low + turns, high + turns) for low, high in view.get('runs', ())]
+        return found
 
-    def _omitted(self, headers: Mapping[int, ProfileHeader]) -> float:
-        """Return the whole turns, radians, that the triangulator leaves out of the angles."""
-        if not headers:
-            return 0.0
-        first = headers[min(headers)]
-        sweep = next((sweep for sweep in self._sweeps.values() if first.view in sweep.views), None)
-        if sweep is None:
-            return 0.0
-        # the first profile is taken at standstill before the lead-in
-        return _TURN * round((sweep.begin(self._motion) - first.angle) / _TURN)
-
-
-def degrees_of(hole: Range) -> list[float]:
-    """Return a range of angles in degrees, rounded."""
-    return [round(math.degrees(angle), 1) for angle in hole]
-
-
-def _gaps(begin: float, end: float, runs: Sequence[Range]) -> list[Range]:
-    """Return the parts of a range of angles that no run covers, ascending."""
-    found = []
-    reached = begin
-    for low, high in sorted(runs):
-        if min(low, end) > reached:
-            found.append((reached, min(low, end)))
-        reached = max(reached, high)
-        if reached >= end:
-            return found
-    return [*found, (reached, end)] if end > reached else found
-
-
-def _merged(holes: Sequence[Range]) -> list[Range]:
-    """Return the union of ranges, ascending."""
-    found: list[Range] = []
-    for low, high in sorted(holes):
-        if found and low <= found[-1][1]:
-            found[-1] = found[-1][0], max(found[-1][1], high)
-        else:
-            found.append((low, high))
-    return found
-
-
-def _without_turns(hole: Range) -> Range:
-    turns = _TURN * math.floor(hole[0] / _TURN + _ROUNDING)
-    return max(0.0, hole[0] - turns), hole[1] - turns
+    def _omitted(self, headers: Mapping[int, ProfileHeader]) -> dict[int, float]:
+        """Return the whole turns, radians, that the triangulator leaves out of each view."""
+        begins = {view: one.begin(self._motion) for one in self.executed for view in one.views}
+        found: dict[int, float] = {}
+        for first, end in pairwise([*self._parts, math.inf]):
+            part = {seq: header for seq, header in headers.items() if first <= seq < end}
+            if not part:
+                continue
+            # the first profile is taken at standstill before the lead-in
+            start = part[min(part)]
+            turns = _TURN * round((begins.get(start.view, start.angle) - start.angle) / _TURN)
+            found.update({header.view: turns for header in part.values()})
+        return found
 
 
 def _reason(found: ViewCoverage, limits: CompletenessLimits) -> str:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field
 from typing import Any
+from typing import NamedTuple
 from typing import Protocol
 
 from ivfmc_ros.errors import CancelledError
@@ -64,6 +65,13 @@ class Tools(Protocol):
 
     async def wait_for_sweep_profiles(self, sweep: Sweep) -> None:
         """Return when all images of the sweep have been processed."""
+
+    @property
+    def position(self) -> float:
+        """Position of the table, radians."""
+
+    def remaining(self, sweep: Sweep) -> Sequence[Sweep]:
+        """Return the sweeps that take what is missing of a sweep that was interrupted."""
 
     def retakes(self, sweep: Sweep) -> Sequence[Sweep]:
         """Return the sweeps that take the missing angles of ``sweep`` again; none if complete."""
@@ -125,10 +133,17 @@ class Outcome:
 
 
 async def run_job(
-    machine: StateMachine, plan: Plan, motion: MotionLimits, tools: Tools
+    machine: StateMachine,
+    plan: Plan,
+    motion: MotionLimits,
+    tools: Tools,
+    begun: Sequence[Sweep] = (),
 ) -> Outcome:
     """
     Run a scan to its end; errors are returned in the outcome, not raised.
+
+    begun : the planned sweeps that had begun when the scan was interrupted, as they were executed;
+        empty for a new scan. Only what is missing of them is taken again
 
     The lasers are off when it returns, and the machine is DONE, FAILED or CANCELLED.
     """
@@ -136,7 +151,7 @@ async def run_job(
     watch = Stopwatch()
     finished = False
     try:
-        await _stages(machine, plan, motion, tools, outcome, watch)
+        await _stages(machine, _Course(plan, motion, begun), tools, outcome, watch)
         finished = True
         # a scan with a wrong result has failed, and keeps its files
         end = Stage.DONE if outcome.code == 'OK' else Stage.FAILED
@@ -157,10 +172,17 @@ async def run_job(
     return outcome
 
 
+class _Course(NamedTuple):
+    """What is to be taken; arguments as those of ``run_job``."""
+
+    plan: Plan
+    motion: MotionLimits
+    begun: Sequence[Sweep]
+
+
 async def _stages(
     machine: StateMachine,
-    plan: Plan,
-    motion: MotionLimits,
+    course: _Course,
     tools: Tools,
     outcome: Outcome,
     watch: Stopwatch,
@@ -170,7 +192,7 @@ async def _stages(
         await tools.prepare()
     machine.advance(Stage.SCANNING)
     with watch.stage('scanning'):
-        await _sweeps(machine, plan, motion, tools)
+        await _sweeps(machine, course, tools)
         tools.lasers_off()
         # a pause that was requested during the last sweep
         await _wait_while_paused(machine, tools)
@@ -197,19 +219,31 @@ async def _stages(
         await tools.finish(outcome)
 
 
-async def _sweeps(machine: StateMachine, plan: Plan, motion: MotionLimits, tools: Tools) -> None:
-    """Take every sweep of the plan, and the angles that are missing again."""
-    position = plan.sweeps[0].begin(motion)
-    for planned in plan.sweeps:
-        # a repeated sweep has turned the table further than the plan expects
-        sweep = after_position(planned, motion, position)
-        await _sweep(sweep, machine, motion, tools)
-        position = sweep.end(motion)
+async def _sweeps(machine: StateMachine, course: _Course, tools: Tools) -> None:
+    """Take what is missing of the plan, and the angles that are missing then again."""
+    plan, motion, begun = course
+    position = tools.position if begun else plan.sweeps[0].begin(motion)
+
+    async def take(sweeps: Sequence[Sweep]) -> None:
+        nonlocal position
+        for sweep in sweeps:
+            # a repeated sweep has turned the table further than the plan expects
+            following = after_position(sweep, motion, position)
+            await _sweep(following, machine, motion, tools)
+            position = following.end(motion)
+
+    for sweep in begun:
+        await take(tools.remaining(sweep))
         for _ in range(_MAX_RETAKES):
-            for retake in tools.retakes(sweep):
-                repeated = after_position(retake, motion, position)
-                await _sweep(repeated, machine, motion, tools)
-                position = repeated.end(motion)
+            await take(tools.retakes(sweep))
+    numbers = {sweep.number for sweep in begun}
+    for planned in plan.sweeps:
+        if planned.number in numbers:
+            continue
+        sweep = after_position(planned, motion, position)
+        await take([sweep])
+        for _ in range(_MAX_RETAKES):
+            await take(tools.retakes(sweep))
 
 
 async def _sweep(sweep: Sweep, machine: StateMachine, motion: MotionLimits, tools: Tools) -> None:

@@ -18,10 +18,13 @@ A camera that the table triggers takes a profile after each trigger step in cont
 step determines their number, and with the rate of the camera the velocity.
 """
 
+from collections.abc import Mapping
 from collections.abc import Sequence
+from dataclasses import asdict
 from dataclasses import dataclass
 from dataclasses import replace
 import math
+from typing import Any
 
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.scan.request import ScanRequest
@@ -80,7 +83,7 @@ class Sweep:
     closing : how many of them repeat the beginning of the turn, besides the requested overlap
     velocity : rad/s in continuous motion; 0.0 in step motion
     dark : take an image with all lasers off first at every stop
-    turns : whole turns that were added to the planned start
+    turns : whole turns that were added to the planned start; negative after homing
     trigger_step : radians between the pulses on which the camera exposes; 0 if it runs freely
     retake_of : number of the sweep whose missing angles this one takes again
     """
@@ -97,6 +100,39 @@ class Sweep:
     closing: int = 0
     trigger_step: float = 0.0
     retake_of: int | None = None
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> 'Sweep':
+        """
+        Return the sweep that ``as_dict`` described.
+
+        :raises ParameterError: a value is missing, or cannot be one of a sweep
+        """
+        try:
+            fields: dict[str, Any] = {
+                key: tuple(value) if isinstance(value, list) else value
+                for key, value in values.items()
+            }
+            sweep = cls(**fields)
+            numbers = (sweep.start, sweep.span, sweep.velocity, sweep.trigger_step)
+            is_sound = (
+                all(math.isfinite(number) for number in numbers)
+                and min(sweep.profiles, len(sweep.lasers), len(sweep.views)) > 0
+                and sweep.span > 0.0
+                and sum(view >= 0 for view in sweep.views) == len(sweep.lasers)
+            )
+        except (TypeError, ValueError, AttributeError) as error:
+            raise ParameterError(f'sweep: cannot be read: {error}') from error
+        if not is_sound:
+            raise ParameterError(f'sweep: is none: {dict(values)}')
+        return sweep
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return JSON-serializable values."""
+        return {
+            key: list(value) if isinstance(value, tuple) else value
+            for key, value in asdict(self).items()
+        }
 
     def angles(self) -> list[float]:
         """Return the table positions of the profiles, radians."""
@@ -267,10 +303,12 @@ def _velocity(request: ScanRequest, motion: MotionLimits, trigger_step: float) -
 
 def after_position(sweep: Sweep, motion: MotionLimits, position: float) -> Sweep:
     """
-    Return the sweep with whole turns added to its start, so that it begins after a position.
+    Return the sweep with whole turns added to its start, so that it begins next after a position.
+
+    Turns are taken away where the position is more than one before it, as after homing.
 
     position : rad; the table turns in the positive direction only
     """
     behind = position - sweep.begin(motion) - _POSITION_TOLERANCE
-    turns = max(0, math.ceil(behind / _TURN))
+    turns = math.ceil(behind / _TURN)
     return replace(sweep, start=sweep.start + turns * _TURN, turns=sweep.turns + turns)

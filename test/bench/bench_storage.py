@@ -37,7 +37,7 @@ from ivfmc_ros.storage.catalogue.schema import SCANS
 from ivfmc_ros.storage.catalogue.schema import VIEWS
 from ivfmc_ros.storage.catalogue.search import ScanFilter
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
-from ivfmc_ros.storage.recording.live_recorder import ProfileLocation
+from ivfmc_ros.storage.recording.profile_location import ProfileLocation
 from ivfmc_ros.storage.repair import check_recording
 from ivfmc_ros.storage.repair import repair_recording
 

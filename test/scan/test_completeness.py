@@ -9,6 +9,7 @@ from ivfmc_ros.scan.completeness import Completeness
 from ivfmc_ros.scan.plan import after_position
 from ivfmc_ros.scan.plan import make_plan
 from ivfmc_ros.scan.plan import MotionLimits
+from ivfmc_ros.scan.plan import Sweep
 from ivfmc_ros.scan.request import ScanRequest
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 
@@ -199,3 +200,92 @@ def test_camera_that_is_triggered_has_no_frame_rate_to_miss_images_by():
     scan.take(sweep, lost=(90.0, 108.0))
     found = scan.completeness.lost_images(scan.headers, scan.infos)
     assert found == {'not_received': 0, 'not_taken': 0}
+
+
+def interrupted(degrees, homed=False, **values):
+    """Return a scan whose first sweep ended so many degrees after its start, and what is left."""
+    scan = Scan(position=20.0, **values)
+    sweep = scan.plan.sweeps[0]
+    scan.take(sweep, lost=(degrees, 1000.0))
+    first = len(scan.headers)
+    begun = [Sweep.from_dict(one.as_dict()) for one in scan.completeness.executed]
+    # as after a restart: the triangulator leaves out other turns, and the table may be homed
+    scan.completeness = Completeness(scan.plan, MOTION)
+    scan.completeness.take_over(begun, [0, first])
+    scan.turns = None
+    position = 0.0 if homed else 50.0
+    left = [
+        after_position(one, MOTION, position)
+        for one in scan.completeness.remaining(begun[0], scan.headers)
+    ]
+    return scan, begun[0], left
+
+
+@pytest.mark.parametrize('homed', [False, True])
+@pytest.mark.parametrize('motion', ['step', 'continuous'])
+def test_interrupted_sweep_is_taken_again_from_where_it_ended(motion, homed):
+    scan, sweep, left = interrupted(144.0, homed=homed, motion=motion)
+    (rest,) = left
+    step = TURN / 200
+    assert rest.retake_of == 0
+    assert rest.views == (1, -1)
+    assert rest.profiles < 0.65 * sweep.profiles
+    assert rest.span / rest.profiles == pytest.approx(step, rel=0.01)
+    assert rest.begin(MOTION) >= (-1e-3 if homed else 50.0 - 1e-3)
+    assert rest.begin(MOTION) < (0.0 if homed else 50.0) + TURN
+    scan.take(rest)
+    assert scan.completeness.remaining(sweep, scan.headers) == []
+    assert scan.completeness.retakes(sweep, scan.headers) == []
+    (view,) = scan.coverage()
+    assert (view.why, view.retaken) == ('', (1,))
+    assert view.profiles >= 200
+    # the angles of the registrar are in the frame of each part, too
+    runs = [
+        {'view': number, 'runs': [(min(angles), max(angles))]}
+        for number in (0, 1)
+        if (angles := [h.angle for h in scan.headers.values() if h.view == number])
+    ]
+    assert scan.coverage(runs)[0].why == ''
+    ((low, high),) = scan.coverage(runs[:1])[0].missing
+    assert math.degrees(high - low) == pytest.approx(216.0, abs=3.7)
+
+
+def test_stops_at_which_one_laser_has_no_profile_are_taken_again_with_both():
+    scan = Scan(motion='step', lasers=('left', 'right'), profiles=40)
+    sweep = scan.plan.sweeps[0]
+    scan.completeness.begin(sweep)
+    for number, angle in enumerate(sweep.angles()[:20]):
+        for view in (0, 1)[: 1 if number == 19 else 2]:
+            scan.add(view, angle, 50)
+    (rest,) = scan.completeness.remaining(sweep, scan.headers)
+    assert rest.views == (2, 3)
+    # three stops before the one that lacks a profile, so that the views overlap, and three beyond
+    assert rest.start == pytest.approx(sweep.angles()[16])
+    assert rest.profiles == 27
+    (again,) = [scan.completeness._retake(sweep, (sweep.angles()[0], sweep.angles()[-1]))]
+    assert (again.views, again.start, again.profiles) == ((4, 5), sweep.start, 40)
+
+
+@pytest.mark.parametrize('profiles', [0, 5, 19])
+def test_view_that_is_too_short_for_the_motion_model_is_taken_again_as_a_whole(profiles):
+    scan, sweep, (rest,) = interrupted(1.8 * profiles - 0.1)
+    assert (rest.span, rest.profiles) == (pytest.approx(sweep.span), sweep.profiles)
+    scan.take(rest)
+    assert scan.coverage()[0].why == ''
+
+
+def test_retake_that_is_interrupted_is_completed():
+    scan, sweep, (rest,) = interrupted(180.0)
+    scan.take(rest, lost=(90.0, 1000.0))
+    begun = scan.completeness.executed
+    third = len(scan.headers)
+    parts = [0, scan.completeness._parts[1], third]
+    scan.completeness = Completeness(scan.plan, MOTION)
+    scan.completeness.take_over(begun, parts)
+    scan.turns = None
+    (last,) = scan.completeness.remaining(begun[0], scan.headers)
+    assert last.views == (2, -1)
+    assert last.profiles < 0.35 * sweep.profiles
+    scan.take(after_position(last, MOTION, 0.0))
+    (view,) = scan.coverage()
+    assert (view.why, view.retaken) == ('', (1, 2))

@@ -29,6 +29,8 @@ class FakeTools:
         self.inspects = False
         self.verdicts = []
         self._at = at or {}
+        self.position = 0.0
+        self.left = {}
 
     def _do(self, *what):
         self.done.append(what)
@@ -85,6 +87,10 @@ class FakeTools:
     def retakes(self, sweep):
         self._do('retakes', sweep.number)
         return self.missing.pop(0) if self.missing else []
+
+    def remaining(self, sweep):
+        self._do('remaining', sweep.number)
+        return self.left.get(sweep.number, [])
 
     def judge(self, outcome):
         for code, detail in self.verdicts:
@@ -320,3 +326,38 @@ def test_requests_are_refused_while_a_failed_scan_ends():
     plan = make_plan(ScanRequest(), ('left', 'right'), MOTION)
     assert asyncio.run(run_job(machine, plan, MOTION, tools)).code == 'CAMERA_LOST'
     assert refused
+
+
+def test_resumed_scan_takes_what_is_missing_of_the_begun_sweeps_and_then_the_others():
+    plan = make_plan(ScanRequest(views=2, overlap=0.1), ('left', 'right'), MOTION)
+    first, second = plan.sweeps[:2]
+    machine = StateMachine()
+    tools = FakeTools(machine)
+    tools.left = {1: [replace(second, start=second.start + 1.0, span=0.5, views=(-1, 4))]}
+    tools.position = 30.0
+    outcome = asyncio.run(run_job(machine, plan, MOTION, tools, (first, second)))
+    assert outcome.code == 'OK'
+    assert [what[1] for what in tools.done if what[0] == 'remaining'] == [0, 1]
+    taken = [what[1] for what in tools.done if what[0] == 'select']
+    assert taken == [(-1, 4), plan.sweeps[2].views, plan.sweeps[3].views]
+    # in positive direction from where the table stands
+    moves = [what[1] for what in tools.done if what[0] == 'move']
+    assert moves == sorted(moves)
+    assert moves[0] == pytest.approx(30.0, abs=6.3)
+
+
+def test_table_that_was_homed_is_not_wound_up_again():
+    plan = make_plan(ScanRequest(lasers=('left',)), ('left', 'right'), MOTION, position=40.0)
+    tools = FakeTools(StateMachine())
+    tools.left = {0: [plan.sweeps[0]]}
+    asyncio.run(run_job(tools.machine, plan, MOTION, tools, plan.sweeps))
+    moves = [what[1] for what in tools.done if what[0] == 'move']
+    assert -0.1 < moves[0] < 6.3
+
+
+def test_nothing_is_taken_again_of_a_scan_that_was_interrupted_behind_its_last_sweep():
+    plan = make_plan(ScanRequest(), ('left', 'right'), MOTION)
+    tools = FakeTools(StateMachine())
+    outcome = asyncio.run(run_job(tools.machine, plan, MOTION, tools, plan.sweeps))
+    assert (outcome.code, outcome.mesh) == ('OK', {'faces': 12})
+    assert not {'move', 'select', 'light'} & set(tools.names())

@@ -1,5 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+import json
 import math
 
 import pytest
@@ -8,6 +9,7 @@ from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.scan.plan import make_plan
 from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.plan import require_steps
+from ivfmc_ros.scan.plan import Sweep
 from ivfmc_ros.scan.request import ScanRequest
 
 LASERS = ('left', 'right')
@@ -204,3 +206,21 @@ def test_closure_of_a_triggered_sweep_counts_in_trigger_steps():
     assert sweep.profiles == 450 + sweep.closing
     assert sweep.closing == math.ceil(15.0 / 0.8)
     assert sweep.span == pytest.approx(math.radians(0.8) * sweep.profiles)
+
+
+@pytest.mark.parametrize('motion', ['step', 'continuous'])
+def test_sweep_is_the_same_after_it_was_stored(motion):
+    for sweep in plan(2.0, motion=motion, views=2, lasers=('left',), overlap=0.2).sweeps:
+        stored = json.loads(json.dumps(sweep.as_dict()))
+        assert Sweep.from_dict(stored) == sweep
+
+
+@pytest.mark.parametrize(
+    'change',
+    [{'start': math.nan}, {'span': '1'}, {'profiles': 0}, {'views': [-1, -1]}, {'lasers': 3},
+     {'unknown': 1}, {'span': -1.0}],
+)  # fmt: skip
+def test_stored_values_that_are_no_sweep_are_refused(change):
+    sweep = plan(lasers=('left',)).sweeps[0]
+    with pytest.raises(ParameterError, match='sweep: '):
+        Sweep.from_dict({**sweep.as_dict(), **change})

@@ -255,6 +255,15 @@ class RenderedCell:
         """Match the images that still wait."""
         self._take_profiles(math.inf)
 
+    @property
+    def position(self) -> float:
+        """Position of the table, radians."""
+        return self._position
+
+    def remaining(self, sweep: Sweep) -> Sequence[Sweep]:
+        """Return the sweeps that take what is missing of an interrupted one."""
+        return self._checks.remaining(sweep)
+
     def retakes(self, sweep: Sweep) -> Sequence[Sweep]:
         """Return the sweeps that take the missing angles of ``sweep`` again."""
         return self._checks.retakes(sweep)

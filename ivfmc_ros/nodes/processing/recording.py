@@ -11,8 +11,9 @@ from typing import Any
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.catalogue.catalogue_writer import CatalogueWriter
+from ivfmc_ros.storage.catalogue.lost_profiles import remove_lost_profiles
 from ivfmc_ros.storage.recording.live_recorder import LiveRecorder
-from ivfmc_ros.storage.recording.live_recorder import ProfileLocation
+from ivfmc_ros.storage.recording.profile_location import ProfileLocation
 
 
 class Recording:
@@ -26,13 +27,21 @@ class Recording:
     """
 
     def __init__(self, scan_id: str, folder: Path, *, owner: str, **options: Any) -> None:
-        """:raises ScanError: bag or catalogue cannot be opened."""
+        """
+        Open bag and catalogue.
+
+        options : of LiveRecorder; with ``first_profile`` the bag of the scan is gone on with
+        :raises ScanError: bag or catalogue cannot be opened
+        """
         self.scan_id = scan_id
         self.owner = owner
         self.heard_s: float | None = None
         self.published: int | None = None
         self.finished = threading.Event()
         writer = self.writer = CatalogueWriter(Catalogue(folder.parent, create=True))
+        first = options.get('first_profile', 0)
+        if first:
+            writer.add(lambda catalogue: remove_lost_profiles(catalogue, scan_id, first))
         try:
             self.recorder = LiveRecorder(
                 folder,

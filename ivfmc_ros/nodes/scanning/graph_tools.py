@@ -275,6 +275,15 @@ class GraphTools:
         # images are processed in order, and the last one is exposed at standstill
         await self.wait_for_profile(max(sweep.views))
 
+    @property
+    def position(self) -> float:
+        """Position of the table, radians."""
+        return self._link.position or 0.0
+
+    def remaining(self, sweep: Sweep) -> Sequence[Sweep]:
+        """Return the sweeps that take what is missing of a sweep that was interrupted."""
+        return self._checks.remaining(sweep)
+
     def retakes(self, sweep: Sweep) -> Sequence[Sweep]:
         """Return the sweeps that take the missing angles of ``sweep`` again; none if complete."""
         return self._checks.retakes(sweep)

@@ -34,6 +34,10 @@ class ScanChecks:
         """Note that a sweep is executed now."""
         self._completeness.begin(sweep)
 
+    def remaining(self, sweep: Sweep) -> Sequence[Sweep]:
+        """Return the sweeps that take what is missing of one that was interrupted."""
+        return self._completeness.remaining(sweep, self._link.headers)
+
     def retakes(self, sweep: Sweep) -> Sequence[Sweep]:
         """Return the sweeps that take the missing angles of ``sweep`` again."""
         return self._completeness.retakes(sweep, self._link.headers)

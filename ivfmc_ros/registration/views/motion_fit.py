@@ -84,20 +84,37 @@ def refit(profiles: Iterable[Profile]) -> tuple[list[Profile], list[SweepMotion]
     Points are rotated about the axis by the change of their angle. Profiles of a lead-in or
     lead-out are dropped. A view is unchanged if the table stood at its profiles, or did not turn
     at a constant speed.
+    A view that was interrupted before the table turned at constant speed is left out where other
+    views were taken in motion: the angles of its few profiles are those of single reports.
 
     returns : the profiles sorted by view and stamp, and the motion of each view
     """
     views: dict[int, list[Profile]] = defaultdict(list)
     for profile in profiles:
         views[profile.view].append(profile)
+    ordered = {
+        number: sorted(views[number], key=lambda p: (p.stamp_ns, p.seq))
+        for number in sorted(views)
+    }
+    fitted = {number: _refit_view(number, view) for number, view in ordered.items()}
+    is_continuous = any(motion.speed for _, motion in fitted.values())
     found: list[Profile] = []
     motions = []
-    for number in sorted(views):
-        ordered = sorted(views[number], key=lambda p: (p.stamp_ns, p.seq))
-        turned, motion = _refit_view(number, ordered)
+    for number, (turned, motion) in fitted.items():
+        if is_continuous and not motion.speed and _is_interrupted(ordered[number]):
+            why = 'interrupted before the table turned at a constant speed; the view is left out'
+            motions.append(SweepMotion(view=number, dropped=len(ordered[number]), why=why))
+            continue
         found += turned
         motions.append(motion)
     return found, motions
+
+
+def _is_interrupted(profiles: Sequence[Profile]) -> bool:
+    """Return whether the profiles are those of a lead-in: at few angles, and few in motion."""
+    angles = np.array([p.angle for p in profiles])
+    moving = np.abs(_smooth(np.array([p.speed for p in profiles]))) > _MIN_SPEED
+    return bool(np.count_nonzero(moving) < _MIN_PROFILES and _rests(angles, moving) <= _MAX_RESTS)
 
 
 def _refit_view(number: int, profiles: Sequence[Profile]) -> tuple[list[Profile], SweepMotion]:
@@ -134,8 +151,13 @@ def _is_stepped(angles: Floats, moving: Bools) -> bool:
     """Return whether the scan was stepped: the table stood at most profiles, at many angles."""
     if not moving.any():
         return True
-    rests = len(np.unique(np.round(angles[~moving], 3)))
-    return rests > _MAX_RESTS and bool(2 * np.count_nonzero(moving) <= len(angles))
+    is_half = bool(2 * np.count_nonzero(moving) <= len(angles))
+    return is_half and _rests(angles, moving) > _MAX_RESTS
+
+
+def _rests(angles: Floats, moving: Bools) -> int:
+    """Return at how many angles the table stood."""
+    return len(np.unique(np.round(angles[~moving], 3)))
 
 
 def _runs(stamps: Ints, speeds: Floats) -> list[Ints]:

@@ -48,7 +48,7 @@ def number_profiles(
     grids = {
         motion.view: _grid_of(of_view[motion.view], motion, step)
         for motion in motions
-        if motion.speed or motion.why
+        if (motion.speed or motion.why) and of_view[motion.view]
     }
     share_phases([grid for grid in grids.values() if not grid.code])
     found: list[Profile] = []

@@ -34,7 +34,7 @@ from ivfmc_ros.storage.catalogue.rows import ResultRow
 from ivfmc_ros.storage.messages import cdr
 from ivfmc_ros.storage.messages.profile_header import read_profile_header
 from ivfmc_ros.storage.messages.sensor_messages import POINT_CLOUD
-from ivfmc_ros.storage.recording.live_recorder import ProfileLocation
+from ivfmc_ros.storage.recording.profile_location import ProfileLocation
 
 # A scan id begins with the time at which its folder was made.
 _STAMP = re.compile(r'(\d{8}T\d{6})Z_(.+)')

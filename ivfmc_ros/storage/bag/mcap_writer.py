@@ -9,6 +9,7 @@ catalogue stores. The record types are those of the library.
 """
 
 from collections import Counter
+from collections.abc import Mapping
 from collections.abc import Sequence
 from typing import Any
 from typing import IO
@@ -31,6 +32,9 @@ from mcap.records import Statistics
 from mcap.records import SummaryOffset
 import zstandard
 
+from ivfmc_ros.storage.bag.unfinished_mcap import LIBRARY
+from ivfmc_ros.storage.bag.unfinished_mcap import WrittenPart
+
 _MAGIC = b'\x89MCAP0\r\n'
 # zstd level: a 1.3 MB camera image takes 3 ms; higher levels gain nothing on image noise.
 _ZSTD_LEVEL = 1
@@ -44,15 +48,21 @@ class McapWriter:
     """
 
     def __init__(
-        self, stream: IO[bytes], *, compress: bool = True, library: str = 'ivfmc_ros'
+        self,
+        stream: IO[bytes],
+        *,
+        compress: bool = True,
+        library: str = LIBRARY,
+        written: WrittenPart | None = None,
     ) -> None:
         """
-        Write the header.
+        Write the header, or go on behind what a former writer wrote.
 
         stream : seekable; stays open after ``finish``
         compress : compress chunks by zstd
-        library : name of the recorder; 'ivfmc_ros': the sequence of a message is its index in
-            its topic
+        library : name of the recorder; that of this package: the sequence of a message is its
+            index in its topic
+        written : what ``stream`` holds, at whose end it stands and is cut off; None: nothing
         """
         self._stream = stream
         self._compressor = zstandard.ZstdCompressor(level=_ZSTD_LEVEL) if compress else None
@@ -66,19 +76,31 @@ class McapWriter:
         self._indices: dict[int, MessageIndex] = {}
         self._times: list[int] = []
         self._span: tuple[int, int] = (0, 0)
-        self._write(_MAGIC)
-        self._write_record(Header(profile='ros2', library=library))
+        if written is None:
+            self._write(_MAGIC)
+            self._write_record(Header(profile='ros2', library=library))
+        else:
+            self._go_on(written)
+
+    def _go_on(self, written: WrittenPart) -> None:
+        self._crc, self._span = written.crc, written.span_ns
+        self._schemas, self._channels = list(written.schemas), list(written.channels)
+        self._chunk_indices, self._counts = list(written.chunk_indices), Counter(written.counts)
+        if written.torn:
+            last, offset = self._chunk_indices[-1], written.end
+            last.message_index_offsets, end = self._write_indices(written.torn, offset)
+            last.message_index_length = end - offset
 
     def add_schema(self, name: str, data: bytes, encoding: str = 'ros2msg') -> int:
         """Add a message definition, ``data`` in the format of ``encoding``, and return its id."""
-        number = len(self._schemas) + 1
+        number = 1 + max((schema.id for schema in self._schemas), default=0)
         self._schemas.append(Schema(id=number, name=name, encoding=encoding, data=data))
         self._schemas[-1].write(self._chunk)
         return number
 
     def add_channel(self, topic: str, encoding: str, schema: int, metadata: dict[str, str]) -> int:
         """Add a channel of messages of a schema (its id) and return the channel's id."""
-        number = len(self._channels) + 1
+        number = 1 + max((channel.id for channel in self._channels), default=0)
         self._channels.append(
             Channel(
                 id=number,
@@ -195,10 +217,7 @@ class McapWriter:
                 uncompressed_size=len(plain),
             )
         )
-        index_offsets, index_offset = {}, offset + length
-        for channel, index in self._indices.items():
-            index_offsets[channel] = index_offset
-            index_offset += self._write_record(index)
+        index_offsets, index_end = self._write_indices(self._indices, offset + length)
         self._chunk_indices.append(
             ChunkIndex(
                 chunk_length=length,
@@ -207,12 +226,22 @@ class McapWriter:
                 compressed_size=len(compressed),
                 message_start_time=first,
                 message_end_time=last,
-                message_index_length=index_offset - offset - length,
+                message_index_length=index_end - offset - length,
                 message_index_offsets=index_offsets,
                 uncompressed_size=len(plain),
             )
         )
         self._indices, self._times = {}, []
+
+    def _write_indices(
+        self, indices: Mapping[int, MessageIndex], offset: int
+    ) -> tuple[dict[int, int], int]:
+        """Write the message indices of a chunk; return their offsets by channel, and the end."""
+        offsets = {}
+        for channel, index in indices.items():
+            offsets[channel] = offset
+            offset += self._write_record(index)
+        return offsets, offset
 
     def _write_record(self, record: Any) -> int:
         builder = RecordBuilder()

@@ -130,9 +130,9 @@ def _parts(data: mmap.mmap) -> Iterator[IntactPart | DamagedPart]:
     while position < len(data):
         if data[position] == Opcode.FOOTER:
             return
-        part, end = _part(data, position)
+        part, end = part_at(data, position)
         if part is None:
-            end, reason = _resume(data, position)
+            end, reason = skip_damage(data, position)
             yield DamagedPart(offset=position, end=end, reason=reason)
             is_whole = False
         else:
@@ -152,7 +152,7 @@ def _parts(data: mmap.mmap) -> Iterator[IntactPart | DamagedPart]:
         position = end
 
 
-def _part(data: mmap.mmap, position: int) -> tuple[IntactPart | None, int]:
+def part_at(data: mmap.mmap, position: int) -> tuple[IntactPart | None, int]:
     """Return the part at a position and its end; None where it is damaged."""
     end = _end(data, position)
     if end is None:
@@ -212,7 +212,7 @@ def _is_chunk(data: mmap.mmap, position: int) -> bool:
     return is_known and is_inside and bool(length == _CHUNK.size + name_length + 8 + size)
 
 
-def _resume(data: mmap.mmap, position: int) -> tuple[int, str]:
+def skip_damage(data: mmap.mmap, position: int) -> tuple[int, str]:
     """Return where reading continues after a damaged record, and what is wrong with it."""
     end = _end(data, position)
     is_chunk = data[position] == Opcode.CHUNK

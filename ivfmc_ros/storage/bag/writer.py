@@ -4,7 +4,8 @@
 Writes bags that ``ros2 bag play`` reads: an MCAP file and ``metadata.yaml``.
 
 ``BagWriter`` writes into an existing folder, chunk by chunk: after a crash the file can be read up
-to its last chunk. ``create_bag`` makes a new folder, which appears complete or not at all.
+to its last chunk, and another writer can go on behind it. ``create_bag`` makes a new folder, which
+appears complete or not at all.
 """
 
 from collections.abc import Iterator
@@ -12,7 +13,6 @@ from collections.abc import Mapping
 from contextlib import contextmanager
 from contextlib import suppress
 from dataclasses import dataclass
-from dataclasses import field
 import fcntl
 import os
 from pathlib import Path
@@ -26,6 +26,10 @@ from ivfmc_ros.files import write_text
 from ivfmc_ros.model import Image
 from ivfmc_ros.storage.bag import metadata
 from ivfmc_ros.storage.bag.mcap_writer import McapWriter
+from ivfmc_ros.storage.bag.unfinished_mcap import ignore_message
+from ivfmc_ros.storage.bag.unfinished_mcap import read_written_part
+from ivfmc_ros.storage.bag.unfinished_mcap import Visit
+from ivfmc_ros.storage.bag.unfinished_mcap import WrittenPart
 from ivfmc_ros.storage.messages import cdr
 from ivfmc_ros.storage.messages import sensor_messages
 
@@ -43,11 +47,18 @@ _LATCHED = ('laser_states',)
 
 @dataclass(kw_only=True)
 class _OpenTopic:
-    """A topic that has messages; ``id`` is that of its MCAP channel."""
+    """
+    A topic that has messages.
+
+    id : of its MCAP channel
+    count : number of messages
+    following : index of the next one; messages that were lost before have an index, too
+    """
 
     id: int
     metadata: metadata.TopicMetadata
-    count: int = field(default=0)
+    count: int = 0
+    following: int = 0
 
 
 class BagWriter:
@@ -58,12 +69,15 @@ class BagWriter:
     ``finish`` leaves ``scan.mcap.part``, as a crash does.
 
     pending_bytes : size of the messages that no chunk in the file has yet
+    kept_messages, kept_bytes : number and size of the messages that the bag had when it was opened
     """
 
     def __init__(
         self,
         folder: Path,
         *,
+        append: bool = False,
+        visit: Visit = ignore_message,
         namespace: str = NAMESPACE,
         compress: bool = True,
         chunk_bytes: int | None = CHUNK_BYTES,
@@ -72,12 +86,17 @@ class BagWriter:
         """
         Open the file.
 
-        folder : must exist and have no bag
+        folder : must exist and have no bag, unless ``append``
+        append : go on behind the last whole chunk of the bag that an interrupted recorder left or
+            finished; what follows that chunk is cut off
+        visit : called with each message that such a bag keeps
         namespace : is put before relative names of topics
         compress : compress chunks by zstd; 3 ms for an image of 1.3 MB
         chunk_bytes : uncompressed size at which a chunk is written; None: only by ``flush``
         label : path that errors name instead of the file
-        :raises FileError: the folder has a bag, complete or not, or cannot be written
+        :raises FileError: the folder has a bag, complete or not, or cannot be written; with
+            ``append``: it has none, or one that is being recorded
+        :raises BagError: the bag is damaged before its last chunk, or another program wrote it
         """
         self.folder = folder
         self.pending_bytes = self._pending_messages = 0
@@ -87,9 +106,15 @@ class BagWriter:
         self._topics: dict[str, _OpenTopic] = {}
         self._schemas: dict[tuple[str, str], int] = {}
         self._span_ns: tuple[int, int] | None = None
-        self._stream = self._open_file()
+        self.kept_messages = self.kept_bytes = 0
+        written = None
+        if append:
+            self._stream, written = self._reopen_file(visit)
+            self._take_over(written)
+        else:
+            self._stream = self._open_file()
         with self._named_errors():
-            self._mcap = McapWriter(self._stream, compress=compress)
+            self._mcap = McapWriter(self._stream, compress=compress, written=written)
             self._stream.flush()
 
     def image(self, stamp_ns: int, image: Image) -> None:
@@ -147,9 +172,10 @@ class BagWriter:
                 raise FileError(
                     f'{self._label}: {name}: holds {opened.metadata.msgtype}, not {msgtype}'
                 )
-            index = opened.count
+            index = opened.following
             self._mcap.add_message(opened.id, stamp_ns, data, index)
         opened.count += 1
+        opened.following += 1
         self.pending_bytes += len(data)
         self._pending_messages += 1
         start, end = self._span_ns or (stamp_ns, stamp_ns)
@@ -233,6 +259,54 @@ class BagWriter:
                 fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
             return stream
 
+    def _reopen_file(self, visit: Visit) -> tuple[IO[bytes], WrittenPart]:
+        """Open the bag of an interrupted recording, and cut off what follows its last chunk."""
+        path, complete = self.folder / PART_NAME, self.folder / FILE_NAME
+        if path.exists() and complete.exists():
+            raise FileError(
+                f'{self.folder}: has both {FILE_NAME} and {PART_NAME}: the recording was '
+                f'repaired; move {PART_NAME} elsewhere to go on with the repaired one'
+            )
+        source = path if path.exists() else complete
+        if not source.is_file():
+            raise FileError(f'{source}: there is no bag to go on with')
+        with self._named_errors():
+            stream = source.open('r+b')
+            try:
+                _lock(stream, source)
+                written = read_written_part(source, visit)
+                if source == complete:
+                    # it says how many messages the bag has
+                    (self.folder / metadata.FILE_NAME).unlink(missing_ok=True)
+                    complete.rename(path)
+                stream.truncate(written.end)
+                stream.seek(written.end)
+            except BaseException:
+                stream.close()
+                raise
+        return stream, written
+
+    def _take_over(self, written: WrittenPart) -> None:
+        """Know the topics and messages that the bag has."""
+        names = {schema.id: schema.name for schema in written.schemas}
+        for schema in written.schemas:
+            self._schemas[schema.name, schema.data.decode('utf-8', 'replace')] = schema.id
+        for channel in written.channels:
+            described = metadata.TopicMetadata(
+                topic=channel.topic,
+                msgtype=names[channel.schema_id],
+                type_hash=channel.metadata.get('topic_type_hash', ''),
+                qos=channel.metadata.get('offered_qos_profiles', ''),
+            )
+            self._topics[channel.topic] = _OpenTopic(
+                id=channel.id,
+                metadata=described,
+                count=written.counts[channel.id],
+                following=written.following.get(channel.id, 0),
+            )
+        self.kept_messages, self.kept_bytes = written.counts.total(), written.message_bytes
+        self._span_ns = written.span_ns if written.chunk_indices else None
+
     def _open_topic(
         self, topic: str, msgtype: str, definition: str | None, latched: bool
     ) -> _OpenTopic:
@@ -271,6 +345,17 @@ class BagWriter:
             raise FileError(
                 f'{self._label}: cannot be written: {error.strerror or error}'
             ) from error
+
+
+def _lock(stream: IO[bytes], path: Path) -> None:
+    """:raises FileError: the recorder of a file still runs."""
+    try:
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise FileError(f'{path}: is being recorded; stop the recorder first') from None
+    except OSError:
+        # the file system has no locks
+        return
 
 
 @contextmanager

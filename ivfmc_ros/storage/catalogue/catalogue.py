@@ -43,7 +43,7 @@ from ivfmc_ros.storage.catalogue.schema import VIEWS
 from ivfmc_ros.storage.catalogue.search import find_scans
 from ivfmc_ros.storage.catalogue.search import joined_scans
 from ivfmc_ros.storage.catalogue.search import ScanFilter
-from ivfmc_ros.storage.recording.live_recorder import ProfileLocation
+from ivfmc_ros.storage.recording.profile_location import ProfileLocation
 
 FILE_NAME = 'catalogue.sqlite3'
 
@@ -205,7 +205,7 @@ class Catalogue:
             return
         connection.execute(sql.insert(PROFILES), list(rows.values()))
         for view in sorted({row['view'] for row in rows.values()}):
-            self._update_view(connection, key, view)
+            self.update_view(connection, key, view)
 
     def add_result(self, scan_id: str, folder: str, summary: Mapping[str, Any]) -> None:
         """Add a result; ``folder`` is relative to the folder of the scans, or absolute."""
@@ -337,7 +337,7 @@ class Catalogue:
         with self.database.read() as connection:
             return [dict(row) for row in connection.execute(query).mappings()]
 
-    def _update_view(self, connection: sql.engine.Connection, key: int, view: int) -> None:
+    def update_view(self, connection: sql.engine.Connection, key: int, view: int) -> None:
         """Insert or update the row of a view from the rows of its profiles."""
         counted = connection.execute(
             sql.select(

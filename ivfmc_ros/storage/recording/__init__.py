@@ -9,4 +9,4 @@ files with their table angles.
 
 from ivfmc_ros.storage.recording.image_import import import_images_as_bag as import_images_as_bag
 from ivfmc_ros.storage.recording.live_recorder import LiveRecorder as LiveRecorder
-from ivfmc_ros.storage.recording.live_recorder import ProfileLocation as ProfileLocation
+from ivfmc_ros.storage.recording.profile_location import ProfileLocation as ProfileLocation

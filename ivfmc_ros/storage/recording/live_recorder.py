@@ -16,31 +16,18 @@ import queue
 import threading
 import time
 
+from ivfmc_ros.errors import BagError
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.storage.bag.writer import BagWriter
 from ivfmc_ros.storage.bag.writer import FILE_NAME
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
+from ivfmc_ros.storage.recording.profile_location import ProfileLocation
+from ivfmc_ros.storage.recording.taken_profiles import TakenProfiles
 
 # A chunk is written after this time, seconds: only messages in a chunk can be read.
 _FLUSH_S = 0.25
 # ... or at this uncompressed size, bytes: about six images of 1.3 MB.
 _CHUNK_BYTES = 8 * 1024 * 1024
-
-
-@dataclass(frozen=True, kw_only=True)
-class ProfileLocation:
-    """
-    Where a profile is in the bag; it has been flushed.
-
-    index : index of the message in its topic, from 0
-    chunk_offset : offset in the file of the chunk that holds the message, bytes
-    """
-
-    header: ProfileHeader
-    topic: str
-    index: int
-    log_time_ns: int
-    chunk_offset: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,6 +68,7 @@ class LiveRecorder:
         self,
         folder: Path,
         *,
+        first_profile: int = 0,
         compress: bool = True,
         max_queued_bytes: int = 256 * 1024 * 1024,
         on_flush: Callable[[Sequence[ProfileLocation]], None] = lambda locations: None,
@@ -88,10 +76,15 @@ class LiveRecorder:
         """
         Open the bag in the folder of a scan and start the thread.
 
+        first_profile : number of profiles that the bag of an interrupted recording has, behind
+            which this one goes on; it is read as a whole. 0: a new bag
         compress : compress chunks by zstd
         max_queued_bytes : limit of the queue; messages beyond it are dropped and counted
-        on_flush : is called in the thread with the profiles of every written chunk
+        on_flush : is called in the thread with the profiles of every written chunk, and before
+            with those that the bag has
         :raises FileError: the folder has a bag, or the file cannot be created
+        :raises BagError: the bag of an interrupted recording is damaged, or has not so many
+            profiles
         """
         self.folder = folder
         self.counts = RecorderCounts()
@@ -101,12 +94,26 @@ class LiveRecorder:
         self._queued_bytes = 0
         self._lock = threading.Lock()
         self._queue: queue.Queue[_QueuedMessage | None] = queue.Queue()
-        self._recorded = _ContiguousCounter()
+        self._recorded = _ContiguousCounter(first_profile)
         self._chunk: list[tuple[_QueuedMessage, int]] = []
         self._view: int | None = None
-        self._bag = BagWriter(folder, compress=compress, chunk_bytes=None)
+        taken = TakenProfiles()
+        self._bag = BagWriter(
+            folder, append=first_profile > 0, visit=taken, compress=compress, chunk_bytes=None
+        )
+        if first_profile:
+            self._go_on(taken, first_profile)
         self._thread = threading.Thread(target=self._run, name='recorder', daemon=True)
         self._thread.start()
+
+    def _go_on(self, taken: TakenProfiles, first_profile: int) -> None:
+        try:
+            taken.require_complete(self.folder, first_profile)
+        except BagError:
+            self._bag.close()
+            raise
+        self.counts.messages, self.counts.bytes = self._bag.kept_messages, self._bag.kept_bytes
+        self._on_flush(taken.locations)
 
     @property
     def recorded(self) -> int | None:
@@ -248,10 +255,11 @@ class LiveRecorder:
 
 
 class _ContiguousCounter:
-    """The highest number up to which all numbers from 0 have been added, in any order."""
+    """The highest number up to which all numbers have been added, in any order."""
 
-    def __init__(self) -> None:
-        self.highest: int | None = None
+    def __init__(self, first: int) -> None:
+        """``first`` : number of those that were added before, from 0."""
+        self.highest: int | None = first - 1 if first else None
         self._beyond: set[int] = set()
 
     def add(self, number: int) -> None:

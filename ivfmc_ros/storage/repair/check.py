@@ -38,6 +38,7 @@ from ivfmc_ros.storage.bag.recovery import known_channels
 from ivfmc_ros.storage.bag.recovery import read_parts
 from ivfmc_ros.storage.bag.summary import is_cut_off
 from ivfmc_ros.storage.bag.summary import read_summary
+from ivfmc_ros.storage.bag.unfinished_mcap import LIBRARY
 from ivfmc_ros.storage.messages import cdr
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 from ivfmc_ros.storage.messages.profile_header import read_profile_header
@@ -45,10 +46,6 @@ from ivfmc_ros.storage.messages.sensor_messages import POINT_CLOUD
 from ivfmc_ros.storage.repair.missing_profiles import find_missing_profiles
 from ivfmc_ros.storage.repair.missing_profiles import MissingProfiles
 from ivfmc_ros.storage.repair.missing_profiles import ProfilePlace
-
-# Name of this package in the header of the files that it writes: the sequence of a message is its
-# index in its topic there.
-LIBRARY = 'ivfmc_ros'
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,7 @@ from ivfmc_ros.errors import NotReadyError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
-from ivfmc_ros.storage.recording.live_recorder import ProfileLocation
+from ivfmc_ros.storage.recording.profile_location import ProfileLocation
 
 
 @pytest.fixture

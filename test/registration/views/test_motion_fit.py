@@ -124,3 +124,16 @@ def test_reported_angles_are_kept_without_a_constant_speed_and_the_reason_is_giv
 
 def test_no_profiles_have_no_motion():
     assert refit([]) == ([], [])
+
+
+@pytest.mark.parametrize('seconds', [0.3, 1.2, 1.9])
+def test_view_that_was_interrupted_in_its_lead_in_is_left_out(seconds):
+    turn = TrapezoidalMotion()
+    whole = profiles_of(turn)
+    short = profiles_of(turn, shots=np.arange(0.0, seconds, 1 / 10), view=1)
+    found, motions = refit([*whole, *short])
+    assert {profile.view for profile in found} == {0}
+    assert (motions[1].used, motions[1].dropped) == (0, len(short))
+    assert 'left out' in motions[1].why
+    # alone it is kept: nothing says that it is part of a scan in motion
+    assert len(refit(short)[0]) == len(short)

@@ -12,11 +12,12 @@ import pytest
 from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.catalogue.catalogue import FILE_NAME
+from ivfmc_ros.storage.catalogue.lost_profiles import remove_lost_profiles
 from ivfmc_ros.storage.catalogue.schema import METADATA
 from ivfmc_ros.storage.catalogue.upgrade import HEAD
 from ivfmc_ros.storage.catalogue.upgrade import scripts
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
-from ivfmc_ros.storage.recording.live_recorder import ProfileLocation
+from ivfmc_ros.storage.recording.profile_location import ProfileLocation
 
 VERSION_1 = """
 CREATE TABLE scans (scan_id VARCHAR PRIMARY KEY, part VARCHAR NOT NULL, recipe VARCHAR NOT NULL,
@@ -63,6 +64,14 @@ def test_scan_is_found_with_its_folder_and_parameters(catalogue):
 def test_stage_changes(catalogue):
     catalogue.set_stage('s1', 'DONE', 'OK')
     assert catalogue.scan('s1').code == 'OK'
+
+
+def test_profiles_that_the_bag_lost_are_removed_with_their_views(catalogue):
+    places = [location(seq, view=min(seq // 2, 2)) for seq in range(6)]
+    catalogue.add_profiles('s1', places)
+    remove_lost_profiles(catalogue, 's1', 3)
+    assert [row.seq for row in catalogue.profiles('s1')] == [0, 1, 2]
+    assert [(row.view, row.profiles) for row in catalogue.views('s1')] == [(0, 2), (1, 1)]
 
 
 def test_views_are_counted_from_their_profiles(catalogue):

@@ -24,7 +24,7 @@ from ivfmc_ros.storage.catalogue.inspections import add_inspection
 from ivfmc_ros.storage.catalogue.schema import METADATA
 from ivfmc_ros.storage.catalogue.search import ScanFilter
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
-from ivfmc_ros.storage.recording.live_recorder import ProfileLocation
+from ivfmc_ros.storage.recording.profile_location import ProfileLocation
 
 CELLS = 12
 PROFILES = 10

@@ -6,14 +6,20 @@ import threading
 import time
 
 import pytest
+from support.recordings import profile
+from support.recordings import write_profiles
 
+from ivfmc_ros.errors import BagError
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.bag.writer import PART_NAME
 from ivfmc_ros.storage.messages import cdr
 from ivfmc_ros.storage.messages import sensor_messages
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
+from ivfmc_ros.storage.messages.profile_header import read_profile_header
+from ivfmc_ros.storage.messages.sensor_messages import POINT_CLOUD
 from ivfmc_ros.storage.recording.live_recorder import LiveRecorder
+from ivfmc_ros.storage.recording.taken_profiles import read_taken_profiles
 
 START = 1_700_000_000_000_000_000
 JOINTS = '/ivfmc/joint_states'
@@ -145,3 +151,35 @@ def test_unknown_type_ends_the_recording_with_its_name(tmp_path):
     add(recorder, 0)  # add never blocks
     with pytest.raises(FileError, match='my_msgs/msg/Own'):
         recorder.stop()
+
+
+def test_interrupted_recording_goes_on_behind_its_last_profile(tmp_path):
+    write_profiles(tmp_path / 'scan', range(7), per_chunk=2, finish=False)
+    places = []
+    with pytest.raises(BagError, match='has 6 profiles instead of 7'):
+        LiveRecorder(tmp_path / 'scan', first_profile=7)
+    recorder = LiveRecorder(tmp_path / 'scan', first_profile=6, on_flush=places.extend)
+    assert recorder.recorded == 5
+    assert [place.header.seq for place in places] == list(range(6))
+    for seq in (7, 6):
+        message = profile(seq)
+        header = read_profile_header(message)
+        recorder.add(PROFILE, POINT_CLOUD, cdr.encode(message), START + seq, header=header)
+    wait_until(lambda: recorder.recorded == 7)
+    recorder.stop()
+    assert recorder.counts.messages == 8
+    taken = read_taken_profiles(tmp_path / 'scan', with_points=True)
+    assert sorted(taken.profiles) == list(range(8))
+    assert taken.profiles[7].points_xyz[0, 0] == pytest.approx(700.0)
+    assert [place.index for place in taken.locations] == list(range(8))
+
+
+def test_bag_without_a_profile_of_its_middle_is_refused(tmp_path):
+    write_profiles(tmp_path / 'gap', (0, 1, 3), per_chunk=1)
+    with pytest.raises(BagError, match='profile 2 is not in it, profile 3 is'):
+        read_taken_profiles(tmp_path / 'gap')
+    write_profiles(tmp_path / 'twice', (0, 1, 1), per_chunk=1)
+    with pytest.raises(BagError, match='profiles of the same number'):
+        read_taken_profiles(tmp_path / 'twice')
+    with pytest.raises(BagError, match='there is no such file'):
+        read_taken_profiles(tmp_path)
