@@ -145,3 +145,15 @@ def test_guard_of_a_dark_cell_sends_nothing_when_its_driver_hangs(pipe, guard):
     assert received(reading, 0.3) == b''
     alive[0] = False
     assert received(reading, 0.9) == b''
+
+
+def test_beats_of_a_cell_that_is_still_dark_do_not_take_an_announcement_back(pipe, guard):
+    reading, writing = pipe
+    alive = [True]
+    guard.start(OffLine(handle=writing, steps=STEPS), lambda: alive[0], lambda: False)
+    assert received(reading, 0.3) == b''
+    guard.announce()
+    # beats go on until the laser is on; the driver hangs in that moment
+    assert received(reading, 0.25) == b''
+    alive[0] = False
+    assert received(reading, 0.9).startswith(b'off')

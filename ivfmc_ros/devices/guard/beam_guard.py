@@ -9,6 +9,7 @@ from pathlib import Path
 import subprocess
 import sys
 import threading
+import time
 
 from ivfmc_ros.devices.controller import OffLine
 from ivfmc_ros.devices.guard import process
@@ -19,6 +20,8 @@ TIMEOUT_S = 0.35
 _BEAT_S = 0.05  # seconds between beats
 # ... while the cell is dark and stands, where the guard would not act; ``announce`` comes first
 _DARK_BEAT_S = 0.2
+# Seconds after an announcement within which the laser or the motion has begun.
+_ANNOUNCED_S = 0.5
 _ACTION = (
     f'the guard process turned the lasers off and stopped the table, because this driver did not '
     f'run for {TIMEOUT_S} s; is the computer overloaded?'
@@ -40,6 +43,10 @@ class BeamGuard:
         self._process: subprocess.Popen[bytes] | None = None
         self._pipe = -1
         self._ending = threading.Event()
+        # ends the wait for the next beat
+        self._hurry = threading.Event()
+        # steady second until which what was announced may begin
+        self._announced_until = 0.0
         self._thread: threading.Thread | None = None
         self.fault = ''
         self.action = ''
@@ -78,6 +85,7 @@ class BeamGuard:
             os.set_blocking(self._process.stdout.fileno(), False)
         self.fault, self.action = '', ''
         self._ending.clear()
+        self._announced_until = 0.0
         self._thread = threading.Thread(
             target=self._beat, args=(is_alive, is_lit), name='beats', daemon=True
         )
@@ -94,8 +102,11 @@ class BeamGuard:
         return None if self._process is None else self._process.pid
 
     def announce(self) -> None:
-        """Tell the guard that a laser or a motion is about to begin; the next beat is later."""
+        """Tell the guard that a laser or a motion is about to begin."""
+        # a beat that was on its way must not say dark after this
+        self._announced_until = time.monotonic() + _ANNOUNCED_S
         self._write(process.LIT)
+        self._hurry.set()
 
     def forgive(self) -> None:
         """Forget the last action."""
@@ -104,6 +115,7 @@ class BeamGuard:
     def end(self) -> None:
         """End the process; the lasers stay as they are. May be called again."""
         self._ending.set()
+        self._hurry.set()
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join()
         self._thread = None
@@ -124,11 +136,13 @@ class BeamGuard:
 
     def _beat(self, is_alive: Callable[[], bool], is_lit: Callable[[], bool]) -> None:
         period = _BEAT_S
-        while not self._ending.wait(period):
+        while not self._ending.is_set():
+            self._hurry.wait(period)
+            self._hurry.clear()
             self._read()
             if not is_alive():
                 continue
-            lit = is_lit()
+            lit = is_lit() or time.monotonic() < self._announced_until
             self._write(process.LIT if lit else process.DARK)
             period = _BEAT_S if lit else _DARK_BEAT_S
             if self.fault:
