@@ -32,7 +32,7 @@ def restarted(tmp_path):
 
 
 # in the first sweep, and in the second
-@pytest.mark.parametrize('profiles', [30, 90])
+@pytest.mark.parametrize('profiles', [45, 105])
 def test_scan_goes_on_after_a_kill_of_the_whole_graph(client, restarted, profiles):
     found = kill_in_scan(client, restarted(client), profiles)
     assert found.acknowledged <= len(found.stamps_ns)

@@ -27,9 +27,11 @@ OPTIONS = (
     'triangulator.volume.bottom=0.0005',
     '--set',
     'mesher.mesh.voxel=0.0006',
-    # a busy computer loses no node: what is tested is the kill
+    # a busy computer loses neither node nor beam: what is tested is the kill
     '--set',
     'orchestrator.heartbeat_limit=15.0',
+    '--set',
+    'turntable.beam_hold_timeout=5.0',
 )
 # Of all scans that are compared.
 PARAMETERS: dict[str, Any] = {
