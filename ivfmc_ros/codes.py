@@ -29,6 +29,11 @@ CODES = {
     'BAD_PARAMETER': Code(
         'A parameter has a value that cannot be used.', 'Set the parameter that `detail` names.'
     ),
+    'RESUME_REFUSED': Code(
+        'An interrupted scan cannot be resumed: it has ended, is of another calibration, or the '
+        'zero of the table is another one; `detail` says which.',
+        'Do what `detail` says, or start a new scan.',
+    ),
     'CANCELLED': Code('`cancel` was called.', 'Start again when the cell is ready.'),
     'STOPPED': Code(
         '`turntable/stop` ended the motion.', 'Find out who stopped it before you start again.'
@@ -169,14 +174,15 @@ CODES = {
     ),
     'INTERRUPTED': Code(
         'The orchestrator ended while the scan ran; its folder keeps what was taken.',
-        'Start the scan again.',
+        'Set `resume_scan` to its id and call `resume` (`ivfmc scan --resume SCAN_ID`), or start '
+        'the scan again.',
     ),
     'TIMEOUT': Code('Something did not happen before its deadline.', _RETRY),
     'INTERNAL': Code('An error of this software.', 'Report it with the log of the node.'),
     # of the command ivfmc only
     'ORCHESTRATOR_LOST': Code(
         'The orchestrator is silent; `ivfmc scan` does not wait for it.',
-        'Start the cell again: the scan is marked as interrupted, and keeps what was taken.',
+        'Start the cell again: the scan is marked as interrupted, and can be resumed.',
     ),
     'NODE_DIED': Code('A process of `ivfmc up` or `ivfmc demo` ended.', _NODE),
     'NOT_STARTED': Code('A process did not come up.', _NODE),

@@ -160,6 +160,12 @@ class StateError(ScanError):
     code = 'WRONG_STATE'
 
 
+class ResumeError(ScanError):
+    """A scan that was interrupted cannot be resumed."""
+
+    code = 'RESUME_REFUSED'
+
+
 class CancelledError(ScanError):
     """A job was cancelled by request."""
 

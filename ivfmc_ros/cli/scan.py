@@ -24,12 +24,15 @@ from ivfmc_ros.cli.support.progress import ProgressLines
 from ivfmc_ros.cli.support.quantities import angle
 from ivfmc_ros.cli.up import interrupted
 from ivfmc_ros.errors import HelperError
+from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import StateError
 from ivfmc_ros.meshing.io.export import FORMATS
 from ivfmc_ros.scan.request import MOTIONS
 
 # Seconds after which a status has to come, at the latest with the result.
 _STATUS_S = 20.0
+# Seconds in which the orchestrator reads the bag of an interrupted scan, at the latest.
+_LOAD_S = 300.0
 # Seconds without a heartbeat of the orchestrator after which it is gone.
 _SILENCE_S = 5.0
 
@@ -64,18 +67,29 @@ _SILENCE_S = 5.0
     type=click.Choice(FORMATS),
     help='Mesh file format; may be repeated.',
 )
+@click.option(
+    '--resume',
+    'resumed',
+    metavar='SCAN_ID',
+    help='Go on with a scan that was interrupted, with its own values; no other option is taken.',
+)
 @click.option('--namespace', default=NAMESPACE, show_default=True, help='Name of the cell.')
 @json_option
-def scan(namespace: str, as_json: bool, **options: Any) -> None:
+def scan(namespace: str, as_json: bool, resumed: str | None, **options: Any) -> None:
     """
     Scan a part in the cell that is up.
 
     An option that is not given has the value that the orchestrator has. What is given holds for
-    this scan only.
+    this scan only. --resume takes what is missing of a scan that was interrupted; the part must
+    not have been touched since.
     """
     wanted = wanted_of(options)
+    if resumed is not None and wanted:
+        raise ParameterError(
+            f'--resume: the scan goes on with its own values; leave out {", ".join(wanted)}'
+        )
     with cell_client(namespace_of(namespace)) as client:
-        result = run_scan(client, wanted)
+        result = run_scan(client, wanted) if resumed is None else resume_scan(client, resumed)
     if as_json:
         print_json(result)
     else:
@@ -104,6 +118,25 @@ def run_scan(
     with client.parameters('orchestrator', wanted):
         # the orchestrator takes the parameters as they are now for the whole scan
         scan_id = client.trigger('start_scan')['scan_id']
+    return _follow(client, scan_id, check)
+
+
+def resume_scan(client: CellClient, scan_id: str) -> dict[str, Any]:
+    """
+    Go on with a scan that was interrupted, with progress as ``run_scan``.
+
+    :raises HelperError: it cannot be resumed, or failed, with its code
+    """
+    # the status of its interruption is latched; it must not be taken for its end
+    client.until(lambda: bool(client.status), _STATUS_S, 'scan_status')
+    with client.parameters('orchestrator', {'resume_scan': scan_id}):
+        client.status = {}
+        # the orchestrator reads the whole bag before it answers
+        client.trigger('resume', _LOAD_S)
+    return _follow(client, scan_id, lambda: None)
+
+
+def _follow(client: CellClient, scan_id: str, check: Callable[[], None]) -> dict[str, Any]:
     with ScanBar() as show, interrupted() as ending:
         cancelled = False
         while (result := result_of(client.status, scan_id)) is None:

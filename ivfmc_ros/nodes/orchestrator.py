@@ -15,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
 from rclpy.task import Future
 
+from ivfmc_ros.cell.cell_file import CellDraft
 from ivfmc_ros.cell.cell_file import load_draft
 from ivfmc_ros.errors import BusyError
 from ivfmc_ros.errors import CellError
@@ -31,6 +32,7 @@ from ivfmc_ros.nodes.framework.shutdown import flush
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
 from ivfmc_ros.nodes.scanning.graph_tools import GraphTools
 from ivfmc_ros.nodes.scanning.report_queue import ReportQueue
+from ivfmc_ros.nodes.scanning.resumption import Resumption
 from ivfmc_ros.nodes.scanning.running_scan import interrupted_status
 from ivfmc_ros.nodes.scanning.running_scan import RunningScan
 from ivfmc_ros.nodes.scanning.scan_context import ScanContext
@@ -40,8 +42,10 @@ from ivfmc_ros.scan.disk_space import DiskWatch
 from ivfmc_ros.scan.disk_space import SpaceEstimate
 from ivfmc_ros.scan.plan import make_plan
 from ivfmc_ros.scan.plan import require_steps
+from ivfmc_ros.scan.recipe import load_recipe
 from ivfmc_ros.scan.report import PENDING
 from ivfmc_ros.scan.report import pending_reports
+from ivfmc_ros.scan.resume import InterruptedScan
 from ivfmc_ros.scan.state_machine import StateMachine
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 
@@ -65,6 +69,7 @@ class Orchestrator(CellNode):
         )
         self._link = CellLink(self, joint, self.get('heartbeat_limit'))
         self._space = SpaceEstimate()
+        self._resumption = Resumption(self, self._link, self._service_clients)
         self._status = self.publish_on(DiagnosticStatus, 'scan_status')
         self._reports = ReportQueue(self, self._report_ended)
         for name, handler in (
@@ -140,8 +145,17 @@ class Orchestrator(CellNode):
     def _pause(self) -> Answer:
         return self._request(StateMachine.pause)
 
-    def _resume(self) -> Answer:
-        return self._request(StateMachine.resume)
+    async def _resume(self) -> Answer:
+        if self._running is not None:
+            return self._request(StateMachine.resume)
+        interrupted, homes = await self._resumption.load()
+        running = self._begin(self._resumed_context(interrupted, home=homes))
+        return {
+            'scan_id': running.scan_id,
+            'stage': str(running.machine.stage),
+            'resumed': True,
+            'profiles': interrupted.first_profile,
+        }
 
     def _request(self, request: Any) -> Answer:
         running = self._running
@@ -155,6 +169,7 @@ class Orchestrator(CellNode):
         if self._running is not None:
             scan_id = self._running.scan_id
             raise BusyError(f'scan {scan_id} is {self._running.machine.stage}', scan_id=scan_id)
+        self._resumption.require_idle()
         recipe = self.scan_parameters.recipe()
         request = self.scan_parameters.request(recipe)
         motion = self.scan_parameters.motion(recipe)
@@ -174,11 +189,9 @@ class Orchestrator(CellNode):
         plan = make_plan(request, names, motion, position, trigger_step)
         require_steps(plan, self.get('position_tolerance'), 'position_tolerance')
         root = Path(self.get('scan_root')).absolute()
-        reserve = self.get('min_free_space') * 1e6
         if root.is_dir():
-            DiskWatch(root, reserve).require_room(self._space.of(plan.profiles))
+            DiskWatch(root, self._reserve).require_room(self._space.of(plan.profiles))
         folder = scan_folder.create_scan_folder(root, request.part)
-        machine = StateMachine(lambda _: self._on_stage_change())
         context = ScanContext(
             scan_id=folder.name,
             folder=folder,
@@ -190,11 +203,46 @@ class Orchestrator(CellNode):
             tolerance=self.get('position_tolerance'),
             patience=self.get('profile_patience'),
             home=self.get('home'),
-            reserve=reserve,
+            reserve=self._reserve,
             limits=self.scan_parameters.limits(recipe),
             recipe=recipe,
             recipe_root=Path(self.get('recipe_root')).absolute(),
         )
+        return self._begin(context, draft)
+
+    @property
+    def _reserve(self) -> float:
+        """Bytes of the disk that stay free."""
+        return float(self.get('min_free_space')) * 1e6
+
+    def _resumed_context(self, interrupted: InterruptedScan, *, home: bool) -> ScanContext:
+        """Return what an interrupted scan goes on with: its own request, plan and limits."""
+        course, request, folder = interrupted.course, interrupted.request, interrupted.folder
+        left = max(0, course.plan.profiles - interrupted.first_profile)
+        DiskWatch(folder.parent, self._reserve).require_room(self._space.of(left))
+        root = Path(self.get('recipe_root')).absolute()
+        has_recipe = request.recipe and self.get('recipe_root')
+        return ScanContext(
+            scan_id=folder.name,
+            folder=folder,
+            request=request,
+            plan=course.plan,
+            motion=course.motion,
+            cell=Path(self.get('cell')),
+            cell_name=self.get_namespace().strip('/'),
+            tolerance=self.get('position_tolerance'),
+            patience=self.get('profile_patience'),
+            home=home,
+            reserve=self._reserve,
+            limits=course.limits,
+            recipe=load_recipe(root, request.recipe) if has_recipe else None,
+            recipe_root=root,
+            resumed=interrupted,
+        )
+
+    def _begin(self, context: ScanContext, draft: CellDraft | None = None) -> RunningScan:
+        """Run a scan; ``draft``: the calibration of a new one."""
+        machine = StateMachine(lambda _: self._on_stage_change())
         tools = GraphTools(self, self._link, self._service_clients, context, machine)
         running = RunningScan(
             context=context,
@@ -203,10 +251,15 @@ class Orchestrator(CellNode):
             link=self._link,
             ended=Future(executor=self.executor),
         )
-        running.save_inputs(draft, self._snapshot())
+        if draft is None:
+            running.reopen()
+        else:
+            running.save_inputs(draft, self._snapshot())
         self._running = running
+        self._publish_status()
         self.executor.create_task(self._run_scan, running)
-        self.get_logger().info(f'scan {running.scan_id} started')
+        how = 'started' if draft else 'resumed'
+        self.get_logger().info(f'scan {running.scan_id} {how}')
         return running
 
     async def _run_scan(self, running: RunningScan) -> None:

@@ -94,6 +94,8 @@ class Recorder(CellNode):
         self._declare_parameters()
         self.check(self._require_scan_folder)
         self._recording: Recording | None = None
+        # id of the scan whose bag is being opened
+        self._opening = ''
         # recordings that are being closed, each with its own bag and catalogue
         self._closing: list[Recording] = []
         self._recorded = self.publish_on(UInt64, 'recorded')
@@ -122,6 +124,14 @@ class Recorder(CellNode):
             '',
             'Folder of the scan, below scan_root or relative to it; the catalogue is in its '
             'parent folder.',
+        )
+        self.parameter(
+            'first_profile',
+            0,
+            'Number of profiles that the bag of an interrupted scan has, behind which start goes '
+            'on; 0: a new bag.',
+            low=0,
+            high=10_000_000,
         )
         self.parameter(
             'topics',
@@ -257,11 +267,9 @@ class Recorder(CellNode):
         )
 
     async def _start(self) -> dict[str, Any]:
-        running = self._recording
-        if running is not None:
-            raise BusyError(
-                f'recorder: records scan {running.scan_id} already', scan_id=running.scan_id
-            )
+        running = self._recording.scan_id if self._recording else self._opening
+        if running:
+            raise BusyError(f'recorder: records scan {running} already', scan_id=running)
         folder, scan_id = self.get('scan_folder'), self.get('scan_id')
         if not folder or not scan_id:
             raise ParameterError('recorder: scan_folder and scan_id must be set before start')
@@ -273,14 +281,22 @@ class Recorder(CellNode):
         ):
             self.health.clear(kind, subject)
         self.health.clear_fault('bag')
-        self._recording = Recording(
+        opening = partial(
+            Recording,
             scan_id,
             # again: a link may have been made since the parameter was set
             folder_below(Path(self.get('scan_root')), folder, 'scan_folder'),
             owner=self.get('owner'),
+            first_profile=self.get('first_profile'),
             compress=self.get('compress'),
             max_queued_bytes=self.get('room') * 1024 * 1024,
         )
+        self._opening = scan_id
+        try:
+            # the bag of an interrupted scan is read as a whole
+            self._recording = await self.in_thread(opening)
+        finally:
+            self._opening = ''
         answer = {
             'path': str(self._recording.recorder.folder),
             'topics': list(self._recorded_topics),

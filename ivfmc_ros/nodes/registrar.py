@@ -9,6 +9,8 @@ stamps and provisional angles of the profiles alone, so that live and replayed v
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from functools import partial
+from pathlib import Path
 import sys
 from typing import Any
 
@@ -20,6 +22,7 @@ from ivfmc_ros import pipeline
 from ivfmc_ros.errors import LostProfilesError
 from ivfmc_ros.errors import NoStripeError
 from ivfmc_ros.errors import TimeoutExceededError
+from ivfmc_ros.files import folder_below
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import Profile
 from ivfmc_ros.model import View
@@ -36,6 +39,7 @@ from ivfmc_ros.nodes.processing.exclusive_job import ExclusiveJob
 from ivfmc_ros.pipeline import Settings
 from ivfmc_ros.registration.arrivals import Arrivals
 from ivfmc_ros.registration.views.assemble import angle_runs
+from ivfmc_ros.storage.recording.taken_profiles import read_taken_profiles
 
 # Seconds that profiles may arrive after the request to register them.
 _LATE_S = 5.0
@@ -50,6 +54,13 @@ class Registrar(CellNode):
     def __init__(self) -> None:
         super().__init__('registrar')
         self.parameter('scan_id', '', 'Id of the scan; a new one discards the profiles.')
+        self.parameter(
+            'first_profile',
+            0,
+            'Number of profiles of an interrupted scan that load reads from its bag.',
+            low=0,
+            high=10_000_000,
+        )
         self.parameter(
             'expected',
             0,
@@ -67,7 +78,9 @@ class Registrar(CellNode):
         self.parameter(
             'merge', [], 'Ids of the scans that the service merge registers together.', kind=str
         )
-        self.parameter('scan_root', 'scans', 'Folder of the scans, for merge.', read_only=True)
+        self.parameter(
+            'scan_root', 'scans', 'Folder of the scans, for merge and load.', read_only=True
+        )
         self._settings = self.settings(
             Settings(),
             ranges={'island_least': (1, 1_000_000)},
@@ -87,6 +100,7 @@ class Registrar(CellNode):
         self._cloud = self.publish_on(PointCloud2, 'cloud')
         self.subscribe(PointCloud2, 'profile', self._receive_profile)
         self.trigger('reset', self._reset)
+        self.trigger('load', self._load)
         self.trigger('register', self._register)
         self.trigger('merge', self._merge)
         self.trigger('cancel', self._cancel)
@@ -148,6 +162,21 @@ class Registrar(CellNode):
     def _discard_profiles(self) -> None:
         self._profiles, self._refused = {}, 0
         self._arrivals = Arrivals()
+
+    async def _load(self) -> Mapping[str, Any]:
+        """Read the profiles that an interrupted scan took; those that it takes now follow."""
+        scan_id, count = self.get('scan_id'), self.get('first_profile')
+        folder = folder_below(Path(self.get('scan_root')), scan_id, 'scan_id')
+        taken = await self.in_thread(partial(read_taken_profiles, folder, with_points=True))
+        found = {seq: profile for seq, profile in taken.profiles.items() if seq < count}
+        if len(found) != count or count > self.get('most_profiles'):
+            raise LostProfilesError(
+                f'registrar: {len(found)} of {count} profiles of scan {scan_id} are in its bag, '
+                f'and at most {self.get("most_profiles")} (most_profiles) are kept'
+            )
+        self._profiles.update(found)
+        self._stamp_ns = max(profile.stamp_ns for profile in self._profiles.values())
+        return {'scan_id': scan_id, 'profiles': len(found)}
 
     def _cancel(self) -> Mapping[str, Any]:
         return {'cancelled': self._job.cancel('registrar: the work was cancelled')}

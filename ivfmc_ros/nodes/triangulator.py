@@ -133,7 +133,7 @@ class Triangulator(CellNode):
             # they have numbers already, and were taken with the settings before
             self._finish_stream()
         if 'scan_id' in names:
-            self._seq = 0
+            self._seq = self.get('first_profile')
             self._matcher.reset()
             self._laser_check.restart()
             self._source.reload()

@@ -61,6 +61,8 @@ class TurntableNode(LifecycleCellNode):
         # fault of a driver that has not tried to connect yet
         self._not_connected = ''
         self._published_alarm: str | None = None
+        # how often the zero of the table may have become another one
+        self._zeros = 0
         self._unknown_kinds: set[str] = set()
         self._controller_settings, self._beam_settings = declare(self)
         self._joint = str(self.get('joint'))
@@ -104,6 +106,7 @@ class TurntableNode(LifecycleCellNode):
         )
         self._not_connected = self._driver.fault
         self._driver.start()
+        self._zeros += 1
         return super().on_activate(state)
 
     def release_device(self) -> None:
@@ -152,6 +155,7 @@ class TurntableNode(LifecycleCellNode):
         self._active().command(position, seconds)
 
     async def _home(self) -> Answer:
+        self._change_zero()
         await self.in_thread(self._active().home)
         return self._position()
 
@@ -160,8 +164,21 @@ class TurntableNode(LifecycleCellNode):
         return self._position()
 
     async def _clear_alarm(self) -> Answer:
+        self._change_zero()
         await self.in_thread(self._active().clear_alarm)
         return self._position()
+
+    def _change_zero(self) -> None:
+        """Give the zero of the table another identity: positions from before may not fit now."""
+        self._zeros += 1
+        self.publish_diagnostics()
+
+    def _note_alarm(self, state: ControllerState) -> bool:
+        """Return whether the alarm is another one than before; the zero may be, too, then."""
+        is_new = state.alarm != self._published_alarm
+        self._published_alarm = state.alarm
+        self._zeros += is_new
+        return is_new
 
     def _enable_handler(self, laser: str) -> Any:
         async def enable(request: Any) -> Answer:
@@ -200,7 +217,7 @@ class TurntableNode(LifecycleCellNode):
             self._wake()
         elif self.steady_s() > self._idle_s and 1 / self.get('joint_rate') < HEARTBEAT_S:
             self._timer.cancel()
-        if state.alarm != self._published_alarm:
+        if self._note_alarm(state):
             # a scan has to end at once; the next diagnostics may be a second away
             self.publish_diagnostics()
         if self.get('table') and state.alarm not in _NO_POSITION:
@@ -230,7 +247,7 @@ class TurntableNode(LifecycleCellNode):
             self.status('not active')
             return
         state = driver.state()
-        self._published_alarm = state.alarm
+        self._note_alarm(state)
         self._report(driver, state)
         self.status(
             'connected' if state.alarm is None else '',
@@ -238,6 +255,8 @@ class TurntableNode(LifecycleCellNode):
             alarm=state.alarm or '',
             firmware=state.firmware,
             homed=state.homed,
+            # of this process: a driver that is started again knows no earlier zero
+            zero=f'{self.life.id}-{self._zeros}' if self.get('table') else '',
             index_mark=state.index_mark,
             unknown_lines=self._log_unknown_lines(driver),
             position=f'{state.position:.6f}',

@@ -21,7 +21,7 @@ HERE = Path(__file__).resolve().parent
 RESULTS = HERE.parents[1] / 'build' / 'bench'
 PREFIX = 'bench_'
 # Groups that take half an hour or more in real time; they run only by their name.
-LONG = ('faults', 'soak')
+LONG = ('faults', 'resume', 'soak')
 
 
 def main(arguments: Sequence[str] | None = None, *, folder: Path = HERE) -> int:

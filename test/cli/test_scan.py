@@ -3,9 +3,12 @@
 from contextlib import nullcontext
 import signal
 
+from click.testing import CliRunner
 import pytest
 
+from ivfmc_ros.cli.scan import resume_scan
 from ivfmc_ros.cli.scan import run_scan
+from ivfmc_ros.cli.scan import scan
 from ivfmc_ros.cli.support.cell_run import namespace_of
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import ParameterError
@@ -62,3 +65,39 @@ def test_scan_of_an_orchestrator_that_was_killed_ends_by_name():
     with pytest.raises(HelperError, match='gives no heartbeat for 6 s') as caught:
         run_scan(SilentClient(''), {})
     assert caught.value.code == 'ORCHESTRATOR_LOST'
+
+
+class ResumingClient:
+    """Of a cell that publishes the interruption of a scan, and then its good end."""
+
+    def __init__(self):
+        self.silent_s = 0.0
+        self.status = {}
+        self.set = {}
+        self.coming = [{'scan_id': 's1', 'result': '{"code": "INTERRUPTED"}'}]
+
+    def trigger(self, name, seconds):
+        assert name == 'resume'
+        self.coming = [{'scan_id': 's1', 'result': '{"code": "OK", "resumed": true}'}]
+        return {'scan_id': 's1'}
+
+    def parameters(self, node, values):
+        self.set.update({node: values})
+        return nullcontext()
+
+    def until(self, condition, seconds, what):
+        if self.coming:
+            self.status = self.coming.pop()
+        assert condition()
+
+
+def test_interruption_of_a_scan_is_not_taken_for_its_end():
+    client = ResumingClient()
+    assert resume_scan(client, 's1') == {'code': 'OK', 'resumed': True}
+    assert client.set == {'orchestrator': {'resume_scan': 's1'}}
+
+
+def test_resumed_scan_takes_no_other_options():
+    result = CliRunner().invoke(scan, ['--resume', 's1', '--profiles', '20'])
+    assert isinstance(result.exception, ParameterError)
+    assert 'leave out profiles' in str(result.exception)

@@ -1,6 +1,7 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 import os
+import re
 import select
 import signal
 import socket
@@ -279,6 +280,28 @@ def test_restart_of_the_controller_is_an_alarm_that_can_be_cleared(table):
     assert success, answer
     table.go(table.position() + 0.1)
     table.client.until(lambda: not table.stands())
+
+
+def test_zero_has_another_identity_after_an_alarm_and_not_after_a_move(table):
+    def zero():
+        found = re.search(r'zero: (\S+)', table.client.diagnostic('turntable'))
+        return found.group(1) if found else ''
+
+    table.client.until(zero, 10.0, 'a zero')
+    zeros = [zero()]
+    target = table.position() + 0.3
+    table.go(target)
+    table.arrive(target)
+    table.client.spin(1.2)
+    assert zero() == zeros[0]
+    table.fault('reset')
+    # at the alarm at once, and again when it is cleared
+    table.client.until(lambda: zero() != zeros[0], 5.0, 'another zero')
+    zeros.append(zero())
+    assert table.client.trigger('turntable/clear_alarm')[0]
+    table.client.until(lambda: zero() not in zeros, 5.0, 'a third zero')
+    # of one process
+    assert len({one.partition('-')[0] for one in (*zeros, zero())}) == 1
 
 
 def test_home_without_a_switch_returns_the_reason(table):

@@ -145,13 +145,14 @@ class FakeCell:
         node.declare_parameter('export_unit', '')
         node.declare_parameter('view', [-1, -1])
         node.declare_parameter('expected', 0)
+        node.declare_parameter('first_profile', 0)
         node.declare_parameter('working_radius', 0.0)
         node.declare_parameter('working_top', 0.0)
         node.declare_parameter('volume.radius', 0.055)
         node.declare_parameter('volume.top', 0.09)
         # a hanging service must not delay the others
         group = ReentrantCallbackGroup()
-        for service in ('reset', 'register', 'build', 'start', 'stop', 'cancel'):
+        for service in ('reset', 'load', 'register', 'build', 'start', 'stop', 'cancel'):
             path = f'{name}/{service}'
             node.create_service(Trigger, path, self._service_callback(path), callback_group=group)
         self.client.executor.add_node(node)
@@ -163,7 +164,7 @@ class FakeCell:
             if path in self.hanging:
                 await Future(executor=self.client.executor)
             if path == 'recorder/start':
-                self.seq, self.last = 0, {}
+                self.seq, self.last = self.parameter('recorder', 'first_profile'), {}
             if path == 'mesher/build':
                 folder = Path(self.parameter('mesher', 'scan_folder'))
                 write_solid(folder / 'mesh.stl', self.part.vertices_xyz, self.part.faces)
@@ -200,6 +201,12 @@ class FakeCell:
         """Publish the diagnostics of a turntable node."""
         status = DiagnosticStatus(level=bytes([2 if code else 0]), name=name, message=text)
         status.values = [KeyValue(key='code', value=code)]
+        self.diagnostics.publish(DiagnosticArray(status=[status]))
+
+    def say_zero(self, zero):
+        """Publish the identity of the table's zero, as the diagnostics of a turntable node."""
+        status = DiagnosticStatus(level=bytes([0]), name='ivfmc/turntable')
+        status.values = [KeyValue(key='code', value=''), KeyValue(key='zero', value=zero)]
         self.diagnostics.publish(DiagnosticArray(status=[status]))
 
     def say_of_triangulator(self, name='ivfmc/triangulator', **values):

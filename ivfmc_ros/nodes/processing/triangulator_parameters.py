@@ -49,7 +49,17 @@ def declare(node: ParameterNode) -> Callable[[], AcquisitionSettings]:
 
 
 def _declare_matching(node: ParameterNode) -> None:
-    node.parameter('scan_id', '', 'Id of the scan; a new one restarts the profile numbers at 0.')
+    node.parameter(
+        'scan_id', '', 'Id of the scan; a new one restarts the profile numbers at first_profile.'
+    )
+    node.parameter(
+        'first_profile',
+        0,
+        'Number of the first profile of the scan, set before scan_id: the number of profiles that '
+        'an interrupted scan has.',
+        low=0,
+        high=10_000_000,
+    )
     node.parameter(
         'motion',
         MatchSettings().motion,

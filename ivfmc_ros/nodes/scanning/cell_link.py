@@ -29,6 +29,7 @@ from ivfmc_ros.scan.motion_check import mean_velocity
 from ivfmc_ros.storage.matching.joint_history import joint_in_message
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 from ivfmc_ros.storage.messages.profile_header import read_profile_header
+from ivfmc_ros.storage.recording.taken_profiles import TakenProfiles
 
 # Period of beam_hold, seconds: the driver turns the lasers off after 0.5 s without one.
 HOLD_S = 0.1
@@ -121,6 +122,11 @@ class CellLink:
         self.clocks.reset()
         self.info_stamps_ns.clear()
         self.recorded = self._unrecorded_since = self._repeated_seq = None
+
+    def take_over(self, taken: TakenProfiles) -> None:
+        """Know the profiles of the bag of a scan that goes on."""
+        self.headers.update({place.header.seq: place.header for place in taken.locations})
+        self.info_stamps_ns[:0] = taken.info_stamps_ns
 
     def end_scan(self) -> None:
         """Receive no camera_info until the next scan."""

@@ -18,6 +18,7 @@ class DiagnosticsWatch:
 
     controller_code : CONTROLLER_ALARM, CONTROLLER_LOST or POSITION_LOST; '' without a fault, or
         where another driver moves the table
+    zero : identity of the table's zero; None before the diagnostics of turntable are received
     controller_message : of the turntable's diagnostics when they were not OK, '' otherwise
     """
 
@@ -28,6 +29,7 @@ class DiagnosticsWatch:
         self._on_end = on_end
         self._up = f'{node.get_namespace()}/up'.lstrip('/')
         self.controller_code, self.controller_message = '', ''
+        self.zero: str | None = None
         # how the working volume cuts the part, by the id of the scan
         self._cuts: dict[str, str] = {}
         # the laser that shines although it is off, by the id of the scan
@@ -74,6 +76,7 @@ class DiagnosticsWatch:
             if status.name == self._turntable:
                 values = {value.key: value.value for value in status.values}
                 self.controller_code = values.get('code', '')
+                self.zero = values.get('zero', '')
                 is_ok = status.level == DiagnosticStatus.OK
                 is_fine = is_ok and not self.controller_code
                 self.controller_message = '' if is_fine else status.message

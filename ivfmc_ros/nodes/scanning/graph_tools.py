@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import math
 from typing import Any
 
-from ivfmc_ros.errors import BusyError
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.errors import TimeoutExceededError
@@ -18,8 +17,9 @@ from ivfmc_ros.nodes.framework.futures import ServiceClients
 from ivfmc_ros.nodes.scanning.beam_control import BeamControl
 from ivfmc_ros.nodes.scanning.camera_control import CameraControl
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
-from ivfmc_ros.nodes.scanning.cell_link import JOINTS
+from ivfmc_ros.nodes.scanning.cell_ready import wait_for_cell
 from ivfmc_ros.nodes.scanning.mesh_verdict import judge_mesh
+from ivfmc_ros.nodes.scanning.recording_control import RecordingControl
 from ivfmc_ros.nodes.scanning.scan_checks import ScanChecks
 from ivfmc_ros.nodes.scanning.scan_context import ScanContext
 from ivfmc_ros.nodes.scanning.scan_guard import NOT_RECORDED
@@ -32,11 +32,7 @@ from ivfmc_ros.scan.plan import require_steps
 from ivfmc_ros.scan.plan import Sweep
 from ivfmc_ros.scan.report import write_figures
 from ivfmc_ros.scan.state_machine import StateMachine
-
-# Nodes that every scan needs.
-NEEDED = ('triangulator', 'registrar', 'mesher', 'recorder')
-# Nodes that foreign drivers without a heartbeat may replace; watched only where they run.
-OPTIONAL = ('camera', 'turntable')
+from ivfmc_ros.storage.messages.camera_info import to_camera
 
 # Time-outs, seconds.
 _PAUSE_S = 24 * 3600.0
@@ -46,11 +42,10 @@ _PROCESSING_S = 3600.0
 _RESPONSE_S = 15.0
 _HOMING_S = 120.0
 _FLUSH_S = 60.0
-_STOP_RECORDER_S = 120.0
+# the registrar reads the bag of an interrupted scan
+_LOAD_S = 120.0
 _ABORT_S = 5.0
 _ABORT_RECORDER_S = 10.0
-# a cell whose nodes are starting
-_STARTUP_S = 15.0
 # Profiles from which the profile rate is measured.
 _RATE_PROFILES = 6
 # Fraction of the planned profile rate below which the operator is warned.
@@ -66,6 +61,7 @@ class GraphTools:
     camera_info : first message of the scan
     bag : response of the recorder
     has_figures : report.json is written, from which the report can be rendered
+    on_begin : called when a sweep begins
     """
 
     def __init__(
@@ -78,6 +74,7 @@ class GraphTools:
     ) -> None:
         self.context = context
         self.camera_info: Any = None
+        self.on_begin: Callable[[], None] = lambda: None
         self._node = node
         self._link = link
         self._machine = machine
@@ -85,6 +82,9 @@ class GraphTools:
         self._checks = ScanChecks(
             link, context.plan, context.motion, context.limits, context.scan_id
         )
+        resumed = self._resumed = context.resumed
+        if resumed is not None:
+            self._checks.take_over(resumed.course)
         # discovery starts with the first call
         for path in ('turntable/stop', 'registrar/cancel', 'mesher/cancel'):
             services.has(path)
@@ -99,6 +99,9 @@ class GraphTools:
             needs_homing=context.home,
             scan_id=context.scan_id,
         )
+        self._recording = RecordingControl(
+            node, link, services, self._guard, resumed=resumed is not None
+        )
         self._beam = BeamControl(node, link, self._until, context.patience, context.scan_id)
         triggered = any(sweep.trigger_step for sweep in context.plan.sweeps)
         self._camera = CameraControl(node, services, self._until, self._guard, triggered=triggered)
@@ -108,35 +111,59 @@ class GraphTools:
 
     async def prepare(self) -> None:
         """Send the id and the settings of the scan to the nodes, and start the recorder."""
-        context = self.context
+        context, resumed = self.context, self._resumed
+        # before the id of the scan, with which the numbers of the profiles begin anew
+        first = {'first_profile': resumed.first_profile if resumed else 0}
         self._link.start_scan()
-        await self._wait_for_cell()
+        self._guard.watched = await wait_for_cell(self._services, self._link, self._machine)
         await self._set(
             'triangulator',
             {
                 **self._no_views(),
                 'motion': context.request.motion,
                 'subtract_dark': context.request.dark_frames,
+                **first,
                 'scan_id': context.scan_id,
             },
         )
-        await self._set('registrar', {'scan_id': context.scan_id})
+        await self._set('registrar', {**first, 'scan_id': context.scan_id})
         await self._services.trigger('registrar/reset', _RESPONSE_S, self._guard)
         scan = {'scan_folder': str(context.folder), 'scan_id': context.scan_id}
         files = {'formats': context.request.formats, 'export_unit': context.request.export_unit}
         await self._set('mesher', {**scan, **files, **await self._working_volume()})
         owner = self._node.life.id
-        await self._set('recorder', {**scan, 'pictures': True, 'owner': owner})
+        await self._set('recorder', {**scan, **first, 'pictures': True, 'owner': owner})
         # messages of the previous scan that were still in the queues
         self._link.start_scan()
-        await self._start_recording()
+        await self._recording.start()
+        if resumed is not None:
+            self._link.take_over(resumed.taken)
+            await self._services.trigger('registrar/load', _LOAD_S, self._guard)
         self.camera_info = await self._camera.first_info()
+        if resumed is not None:
+            resumed.require_camera(to_camera(self.camera_info))
+            await self._stop_table()
         await self._require_steps()
         if context.home:
             await self._services.trigger('turntable/home', _HOMING_S, self._guard)
             # the diagnostics may be received after the response
             await self._until(self._is_unlocked, _RESPONSE_S, 'unlocking', 'CONTROLLER_ALARM')
             self._guard.needs_homing = False
+
+    async def _stop_table(self) -> None:
+        """Stop a table that still makes the move of an orchestrator that died."""
+
+        def stands() -> bool:
+            return self._link.stands_at(self.position, self.context.tolerance)
+
+        if not stands():
+            self._link.halt()
+            await self._until(stands, _RESPONSE_S, 'the table to stop', 'MOTION_FAILED')
+
+    @property
+    def begun(self) -> Sequence[Sweep]:
+        """The sweeps that have begun, as they were executed."""
+        return self._checks.executed
 
     def _is_unlocked(self) -> bool:
         return not self._link.diagnostics.controller_code
@@ -155,48 +182,11 @@ class GraphTools:
             least = await self._services.get('triangulator', 'min_step', self._guard)
             require_steps(self.context.plan, float(least or 0.0), 'min_step of the triangulator')
 
-    async def _start_recording(self) -> None:
-        # before the call: after a time-out the recorder may record all the same
-        self._guard.recording = True
-        try:
-            await self._services.trigger('recorder/start', _RESPONSE_S, self._guard)
-        except HelperError as error:
-            if error.code != BusyError.code:
-                raise
-            # a recording of an orchestrator that died
-            self._node.get_logger().warning(f'{error}; stopping that recording')
-            await self._stop_recording()
-            self._guard.recording = True
-            await self._services.trigger('recorder/start', _RESPONSE_S, self._guard)
-
-    async def _wait_for_cell(self) -> None:
-        """
-        Wait for a cell that is starting.
-
-        :raises HelperError: a node or the table is missing; the code names it
-        """
-        watch = self._link.watch
-        needed = [*NEEDED, JOINTS]
-        try:
-            await self._services.waiter.until(
-                lambda: not watch.lost(needed) and self._link.has_table(),
-                _STARTUP_S,
-                'the nodes of the cell',
-                self._machine.raise_if_cancelled,
-            )
-        except TimeoutExceededError:
-            self._link.diagnostics.require_ready()
-            watch.require_alive(NEEDED)
-            if not self._link.has_table():
-                raise HelperError(
-                    'TURNTABLE_LOST', 'joint_trajectory has no subscription'
-                ) from None
-            watch.require_alive([JOINTS])
-        self._guard.watched = needed + [name for name in OPTIONAL if not watch.lost([name])]
-
     async def select_views(self, sweep: Sweep) -> None:
         """Set the view numbers of this sweep for the profiles that follow."""
         self._checks.begin(sweep)
+        # on disk before its first profile
+        self.on_begin()
         await self._set('triangulator', {'view': list(sweep.views)})
 
     async def move(self, position: float, velocity: float) -> None:
@@ -350,7 +340,7 @@ class GraphTools:
 
     async def finish(self, outcome: Outcome) -> None:
         """Close the bag and write the figures of the scan; its images are rendered later."""
-        self.bag = await self._stop_recording()
+        self.bag = await self._recording.stop()
         last = max(self._link.headers)
         # older recorders answer without the number
         if self.bag.get('recorded', last) != last:
@@ -375,15 +365,9 @@ class GraphTools:
         if 'triangulator' in self._guard.watched and not self._guard.is_lost('triangulator'):
             await self._log_error(self._services.set('triangulator', self._no_views()))
         if self._guard.recording:
-            error = await self._log_error(self._stop_recording(_ABORT_RECORDER_S))
+            error = await self._log_error(self._recording.stop(_ABORT_RECORDER_S))
             if error and outcome.code == NOT_RECORDED:
                 outcome.detail = f'{outcome.detail}: {error}'
-
-    async def _stop_recording(self, seconds: float = _STOP_RECORDER_S) -> Mapping[str, Any]:
-        self._guard.recording = False
-        return await self._services.trigger(
-            'recorder/stop', seconds, lambda: self._link.watch.require_alive(['recorder'])
-        )
 
     async def _until(self, condition: Condition, seconds: float, what: str, code: str) -> None:
         try:

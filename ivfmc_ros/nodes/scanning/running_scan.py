@@ -5,6 +5,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
+from dataclasses import replace
 from pathlib import Path
 import shutil
 import time
@@ -28,6 +29,10 @@ from ivfmc_ros.scan.progress import ScanProgress
 from ivfmc_ros.scan.recipe_verdict import INSPECTION
 from ivfmc_ros.scan.report import PENDING
 from ivfmc_ros.scan.report import REPORT_PAGE
+from ivfmc_ros.scan.resume import CAN_RESUME
+from ivfmc_ros.scan.resume import COURSE
+from ivfmc_ros.scan.resume import Course
+from ivfmc_ros.scan.resume import RESUMABLE
 from ivfmc_ros.scan.state_machine import FINAL_STAGES
 from ivfmc_ros.scan.state_machine import Stage
 from ivfmc_ros.scan.state_machine import StateMachine
@@ -77,9 +82,19 @@ class RunningScan:
     report_error: str = ''
     _writer: CatalogueWriter = field(init=False)
     _progress: ScanProgress = field(init=False)
+    _course: Course = field(init=False)
+    _has_scanned: bool = False
 
     def __post_init__(self) -> None:
-        self._progress = ScanProgress(self.context.plan, self.context.motion, time.monotonic)
+        context = self.context
+        self._progress = ScanProgress(context.plan, context.motion, time.monotonic)
+        self._course = Course(
+            plan=context.plan, motion=context.motion, limits=context.limits, home=context.home
+        )
+        if context.resumed is not None:
+            self._course = context.resumed.course
+            self._progress.set_recorded_profiles(context.resumed.first_profile)
+        self.tools.on_begin = self._save_begun
 
     @property
     def scan_id(self) -> str:
@@ -114,6 +129,26 @@ class RunningScan:
         scan_id, folder = self.scan_id, self.folder
         self._writer.add(lambda catalogue: add_calibration(catalogue, scan_id, folder))
 
+    def reopen(self) -> None:
+        """
+        Mark an interrupted scan as running again.
+
+        :raises ScanError: its job file or the catalogue cannot be written
+        """
+        catalogue = Catalogue(self.folder.parent, create=True, timeout_s=_CATALOGUE_TIMEOUT_S)
+        self._save()
+        self._writer = CatalogueWriter(catalogue)
+        self._save_stage()
+
+    def _save_begun(self) -> None:
+        """Store which sweeps have begun, and by which zero of the table."""
+        self._course = replace(
+            self._course,
+            begun=tuple(self.tools.begun),
+            zero=self.link.diagnostics.zero or '',
+        )
+        self._save()
+
     async def run(self) -> dict[str, Any]:
         """Run the scan to its end and return the response."""
         # locked, so that another orchestrator does not mark the scan as interrupted
@@ -121,7 +156,9 @@ class RunningScan:
             return await self._run()
 
     async def _run(self) -> dict[str, Any]:
-        outcome = await run_job(self.machine, self.context.plan, self.context.motion, self.tools)
+        context, resumed = self.context, self.context.resumed
+        begun = resumed.planned if resumed is not None else ()
+        outcome = await run_job(self.machine, context.plan, context.motion, self.tools, begun)
         answer = self._answer(outcome)
         self._save(outcome)
         self._save_stage(outcome.code)
@@ -147,6 +184,7 @@ class RunningScan:
         """Write the new stage to disk and catalogue, and camera.yaml when scanning starts."""
         stage = self.machine.stage
         self._progress.set_stage(stage)
+        self._has_scanned |= stage is Stage.SCANNING
         if stage is Stage.SCANNING and not (self.folder / 'camera.yaml').exists():
             save_camera(self.folder / 'camera.yaml', to_camera(self.tools.camera_info))
         self._save()
@@ -159,9 +197,10 @@ class RunningScan:
             return
         if self.link.recorded is not None:
             self._progress.set_recorded_profiles(self.link.recorded + 1)
-        headers = self.link.headers
-        if headers:
-            self._progress.set_current_view(headers[max(headers)].view)
+        planned = self.context.plan.views
+        views = [head.view for head in self.link.headers.values() if head.view < planned]
+        if views:
+            self._progress.set_current_view(max(views))
 
     def mark_interrupted(self) -> None:
         """Mark the scan as interrupted, because this process ends."""
@@ -220,6 +259,7 @@ class RunningScan:
             'registration': _without_code(outcome.registration),
             'mesh': _without_code(outcome.mesh),
             'completeness': dict(outcome.completeness),
+            'resumed': self.context.resumed is not None,
             PENDING: self.tools.has_figures,
         }
         if outcome.detail:
@@ -258,8 +298,15 @@ class RunningScan:
             'profiles_done': self._progress.profiles_done,
             'profiles_total': self.context.plan.profiles,
             PENDING: outcome is not None and self.tools.has_figures,
+            CAN_RESUME: outcome is None or self._can_resume(outcome.code),
+            COURSE: self._course.as_dict(),
         }
         scan_folder.save_job(self.folder, document)
+
+    def _can_resume(self, code: str) -> bool:
+        """Return whether a scan that ended with this code can go on."""
+        is_as_before = self.context.resumed is not None and not self._has_scanned
+        return code in RESUMABLE or is_as_before
 
 
 def interrupted_status(folder: Path) -> dict[str, str]:

@@ -11,6 +11,7 @@ from ivfmc_ros.scan.job import Outcome
 from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.plan import Plan
 from ivfmc_ros.scan.plan import Sweep
+from ivfmc_ros.scan.resume import Course
 
 _INCOMPLETE = 'INCOMPLETE'
 
@@ -29,6 +30,15 @@ class ScanChecks:
         self._link = link
         self._scan_id = scan_id
         self._completeness = Completeness(plan, motion, limits)
+
+    def take_over(self, course: Course) -> None:
+        """Go on with a scan that was interrupted."""
+        self._completeness.take_over(course.begun, course.parts)
+
+    @property
+    def executed(self) -> Sequence[Sweep]:
+        """The sweeps that have begun."""
+        return self._completeness.executed
 
     def begin(self, sweep: Sweep) -> None:
         """Note that a sweep is executed now."""

@@ -10,6 +10,7 @@ from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.plan import Plan
 from ivfmc_ros.scan.recipe import Recipe
 from ivfmc_ros.scan.request import ScanRequest
+from ivfmc_ros.scan.resume import InterruptedScan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,6 +26,7 @@ class ScanContext:
     reserve : bytes of the disk that stay free
     limits : what a complete view has at least
     recipe : the recipe, and the folder of all; None without one
+    resumed : the interrupted scan that goes on; None for a new one
     """
 
     scan_id: str
@@ -41,6 +43,7 @@ class ScanContext:
     limits: CompletenessLimits
     recipe: Recipe | None = None
     recipe_root: Path = Path()
+    resumed: InterruptedScan | None = None
 
     @property
     def inspects(self) -> bool:

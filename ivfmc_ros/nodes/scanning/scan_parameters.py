@@ -23,6 +23,7 @@ from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.recipe import load_recipe
 from ivfmc_ros.scan.recipe import Recipe
 from ivfmc_ros.scan.request import ScanRequest
+from ivfmc_ros.scan.resume import require_scan_id
 
 _HALF_TURN = math.pi
 _NAMES = 'letters, digits, . _ -, the first a letter or digit, at most 63'
@@ -82,6 +83,7 @@ def declare_scan_parameters(node: CellNode) -> ScanParameters:
     _declare_motion(node)
     _declare_completeness(node)
     _declare_cell(node)
+    _declare_resumption(node)
     declare_check_parameters(node)
     node.check(_require_request)
     node.check(
@@ -254,6 +256,21 @@ def _declare_cell(node: CellNode) -> None:
         high=60.0,
         read_only=True,
     )
+
+
+def _declare_resumption(node: CellNode) -> None:
+    node.parameter(
+        'resume_scan',
+        '',
+        'Id of an interrupted scan, with which the service resume goes on while no scan runs.',
+        constraints='a folder of scan_root',
+    )
+    node.check(_require_resume_scan)
+
+
+def _require_resume_scan(values: Mapping[str, Any]) -> None:
+    if values.get('resume_scan'):
+        require_scan_id(values['resume_scan'])
 
 
 def _request(values: Mapping[str, Any]) -> ScanRequest:

@@ -9,6 +9,7 @@ They are those of the whole chunks, which the recorder keeps when it goes on.
 from collections.abc import Callable
 from dataclasses import dataclass
 from dataclasses import field
+import fcntl
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +114,18 @@ def read_taken_profiles(folder: Path, *, with_points: bool = False) -> TakenProf
     read_written_part(file, taken)
     taken.require_complete(file)
     return taken
+
+
+def is_being_recorded(folder: Path) -> bool:
+    """Return whether a recorder writes the bag in the folder of a scan; false without locks."""
+    try:
+        with (folder / PART_NAME).open('rb') as stream:
+            fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
 
 
 def bag_of_scan(folder: Path) -> Path:
