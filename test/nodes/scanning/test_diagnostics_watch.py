@@ -17,7 +17,7 @@ def watch():
     node = SimpleNamespace(
         get_namespace=lambda: '/ivfmc',
         guarded=lambda callback, name: callback,
-        create_subscription=lambda *_: None,
+        create_subscription=lambda *_, **__: None,
     )
     return DiagnosticsWatch(node)
 

@@ -64,12 +64,12 @@ def test_command_that_a_best_effort_driver_lost_is_repeated(monkeypatch, lost):
 
 def test_command_to_a_reliable_driver_is_sent_once(monkeypatch):
     table = Table(monkeypatch, loses=False, lost=1)
-    with pytest.raises(HelperError, match=r'stands at 0\\.00 degrees'):
+    with pytest.raises(HelperError, match=r'stands at 0\.00 degrees'):
         table.move()
     assert table.commands == 1
 
 
 def test_table_that_takes_no_command_is_refused(monkeypatch):
     table = Table(monkeypatch, loses=True, lost=99)
-    with pytest.raises(HelperError, match=r'stands at 0\\.00 degrees'):
+    with pytest.raises(HelperError, match=r'stands at 0\.00 degrees'):
         table.move()
