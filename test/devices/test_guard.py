@@ -127,33 +127,33 @@ def test_port_without_a_descriptor_is_a_fault(guard):
     assert 'no file descriptor' in guard.fault
 
 
-def test_guard_of_a_dark_cell_acts_when_a_motion_or_laser_was_announced(pipe, guard):
+def hang_of_a_dark_cell(pipe, guard):
+    """Start a guard whose driver says dark, and return the reading end and its hang."""
     reading, writing = pipe
     alive = [True]
-    guard.start(OffLine(handle=writing, steps=STEPS), lambda: alive[0], lambda: False)
-    # the driver hangs at once after it
+    guard.start(OffLine(handle=writing, steps=STEPS), lambda: bool(alive), lambda: False)
     assert received(reading, 0.3) == b''
-    alive[0] = False
+    return reading, alive.clear
+
+
+def test_guard_of_a_dark_cell_acts_when_a_motion_or_laser_was_announced(pipe, guard):
+    # the driver hangs at once after it
+    reading, hang = hang_of_a_dark_cell(pipe, guard)
+    hang()
     guard.announce()
     assert received(reading, 0.9).startswith(b'off')
 
 
 def test_guard_of_a_dark_cell_sends_nothing_when_its_driver_hangs(pipe, guard):
-    reading, writing = pipe
-    alive = [True]
-    guard.start(OffLine(handle=writing, steps=STEPS), lambda: alive[0], lambda: False)
-    assert received(reading, 0.3) == b''
-    alive[0] = False
+    reading, hang = hang_of_a_dark_cell(pipe, guard)
+    hang()
     assert received(reading, 0.9) == b''
 
 
 def test_beats_of_a_cell_that_is_still_dark_do_not_take_an_announcement_back(pipe, guard):
-    reading, writing = pipe
-    alive = [True]
-    guard.start(OffLine(handle=writing, steps=STEPS), lambda: alive[0], lambda: False)
-    assert received(reading, 0.3) == b''
+    reading, hang = hang_of_a_dark_cell(pipe, guard)
     guard.announce()
     # beats go on until the laser is on; the driver hangs in that moment
     assert received(reading, 0.25) == b''
-    alive[0] = False
+    hang()
     assert received(reading, 0.9).startswith(b'off')
