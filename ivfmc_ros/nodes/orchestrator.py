@@ -8,6 +8,7 @@ nodes. Services scan, start_scan, cancel, pause, resume; progress on ``scan_stat
 """
 
 from pathlib import Path
+import shutil
 import sys
 from typing import Any
 
@@ -42,11 +43,12 @@ from ivfmc_ros.scan.disk_space import DiskWatch
 from ivfmc_ros.scan.disk_space import SpaceEstimate
 from ivfmc_ros.scan.plan import make_plan
 from ivfmc_ros.scan.plan import require_steps
-from ivfmc_ros.scan.recipe import load_recipe
+from ivfmc_ros.scan.recipe import Recipe
 from ivfmc_ros.scan.report import PENDING
 from ivfmc_ros.scan.report import pending_reports
 from ivfmc_ros.scan.resume import InterruptedScan
 from ivfmc_ros.scan.state_machine import StateMachine
+from ivfmc_ros.scan.stored_recipe import store_recipe
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 
 # Period of ``scan_status`` during a scan, seconds.
@@ -205,10 +207,19 @@ class Orchestrator(CellNode):
             home=self.get('home'),
             reserve=self._reserve,
             limits=self.scan_parameters.limits(recipe),
-            recipe=recipe,
-            recipe_root=Path(self.get('recipe_root')).absolute(),
+            recipe=self._stored(recipe, folder),
         )
         return self._begin(context, draft)
+
+    def _stored(self, recipe: Recipe | None, folder: Path) -> Recipe | None:
+        """Return the copy of a recipe in the folder of a new scan."""
+        if recipe is None:
+            return None
+        try:
+            return store_recipe(recipe, Path(self.get('recipe_root')), folder)
+        except ScanError:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
 
     @property
     def _reserve(self) -> float:
@@ -220,8 +231,6 @@ class Orchestrator(CellNode):
         course, request, folder = interrupted.course, interrupted.request, interrupted.folder
         left = max(0, course.plan.profiles - interrupted.first_profile)
         DiskWatch(folder.parent, self._reserve).require_room(self._space.of(left))
-        root = Path(self.get('recipe_root')).absolute()
-        has_recipe = request.recipe and self.get('recipe_root')
         return ScanContext(
             scan_id=folder.name,
             folder=folder,
@@ -235,8 +244,7 @@ class Orchestrator(CellNode):
             home=home,
             reserve=self._reserve,
             limits=course.limits,
-            recipe=load_recipe(root, request.recipe) if has_recipe else None,
-            recipe_root=root,
+            recipe=interrupted.recipe,
             resumed=interrupted,
         )
 

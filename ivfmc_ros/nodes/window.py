@@ -182,7 +182,7 @@ class Window(CellNode):
     async def _load_mesh(self, path: Path, unit: str, scan_id: str) -> None:
         nominal: PlacedNominal | None = None
         try:
-            nominal = await self.in_thread(load_placed_nominal, path.parent, self._recipe_root)
+            nominal = await self.in_thread(load_placed_nominal, path.parent)
         except ScanError as error:
             self.get_logger().warning(f'the mesh is drawn without its deviation: {error}')
         try:
@@ -245,9 +245,7 @@ class Window(CellNode):
         if self._page.scan.state.stage not in _PROCESSING:
             return
         try:
-            plan = plan_of_scan(
-                Path(self.get('scan_root')) / str(self._scan_id), self._recipe_root
-            )
+            plan = plan_of_scan(Path(self.get('scan_root')) / str(self._scan_id))
         except ScanError as error:
             self.get_logger().warning(f'no deviation is shown before the inspection: {error}')
             return

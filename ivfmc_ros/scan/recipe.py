@@ -86,6 +86,11 @@ def recipe_names(root: Path) -> list[str]:
     return sorted(path.stem for path in root.glob(f'*{_SUFFIX}'))
 
 
+def recipe_file(root: Path, name: str) -> Path:
+    """Return the file of a recipe in the folder of the recipes."""
+    return root / f'{name}{_SUFFIX}'
+
+
 def setting_text(value: Any) -> str:
     """Return a value that a recipe sets, for a person."""
     return ' '.join(map(str, value)) if isinstance(value, tuple) else str(value)
@@ -101,7 +106,7 @@ def load_recipe(root: Path, name: str) -> Recipe:
         require_name('recipe', name)
     except ParameterError as error:
         raise RecipeError(str(error)) from None
-    path = root / f'{name}{_SUFFIX}'
+    path = recipe_file(root, name)
     if not path.is_file():
         known = ', '.join(recipe_names(root)) or 'none'
         raise RecipeError(f'recipe: there is no {path}; there are: {known}')

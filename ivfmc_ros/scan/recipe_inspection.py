@@ -30,6 +30,7 @@ from ivfmc_ros.scan.recipe import load_recipe
 from ivfmc_ros.scan.recipe import Recipe
 from ivfmc_ros.scan.recipe_verdict import INSPECTION
 from ivfmc_ros.scan.recipe_verdict import INSPECTION_PAGE
+from ivfmc_ros.scan.stored_recipe import RECIPE_FOLDER
 from ivfmc_ros.scan.title_block import title_block
 from ivfmc_ros.worker import end_with_parent
 
@@ -82,12 +83,12 @@ def _mesh_of(folder: Path) -> tuple[Path, str]:
 
 
 def main() -> None:
-    """Inspect the scan folder that the command line names, by a recipe: folder, root, name."""
+    """Inspect the scan folder that the command line names by its stored recipe: folder, name."""
     end_with_parent()
     os.nice(_NICE)
-    folder, root, name = sys.argv[1:]
+    folder, name = Path(sys.argv[1]), sys.argv[2]
     try:
-        inspect_scan(Path(folder), load_recipe(Path(root), name))
+        inspect_scan(folder, load_recipe(folder / RECIPE_FOLDER, name))
     except ScanError as error:
         sys.exit(str(error))
 

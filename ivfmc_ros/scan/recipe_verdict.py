@@ -33,15 +33,16 @@ class InspectionProcess:
     is_done : whether it has ended
     """
 
-    def __init__(self, folder: Path, recipe_root: Path, recipe: str) -> None:
+    def __init__(self, folder: Path, recipe: str) -> None:
         """
         Start it.
 
+        recipe : name of the recipe that is stored in the folder
         :raises FileError: it cannot be started
         """
         self._folder, self._recipe = folder, recipe
         module = 'ivfmc_ros.scan.recipe_inspection'
-        command = [sys.executable, '-m', module, str(folder), str(recipe_root), recipe]
+        command = [sys.executable, '-m', module, str(folder), recipe]
         # not a pipe, which would be read at the end only; ``kill`` closes the file
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115
         try:

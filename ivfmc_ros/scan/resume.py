@@ -25,6 +25,7 @@ from ivfmc_ros.cell.cell_file import CellDraft
 from ivfmc_ros.cell.cell_file import load_draft
 from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
+from ivfmc_ros.errors import RecipeError
 from ivfmc_ros.errors import ResumeError
 from ivfmc_ros.scan import scan_folder
 from ivfmc_ros.scan.completeness import Completeness
@@ -32,8 +33,11 @@ from ivfmc_ros.scan.completeness import CompletenessLimits
 from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.plan import Plan
 from ivfmc_ros.scan.plan import Sweep
+from ivfmc_ros.scan.recipe import Recipe
 from ivfmc_ros.scan.request import ScanRequest
 from ivfmc_ros.scan.state_machine import Stage
+from ivfmc_ros.scan.stored_recipe import load_stored_recipe
+from ivfmc_ros.scan.stored_recipe import RECIPE_FOLDER
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 from ivfmc_ros.storage.recording.taken_profiles import read_taken_profiles
 from ivfmc_ros.storage.recording.taken_profiles import TakenProfiles
@@ -124,6 +128,7 @@ class InterruptedScan:
     A scan that can be resumed.
 
     course : ``parts`` has the part that begins now
+    recipe : the recipe with which it began; None without one
     taken : the profiles of its bag
     camera : with which it began; None if it was interrupted before it had an image
     """
@@ -131,6 +136,7 @@ class InterruptedScan:
     folder: Path
     request: ScanRequest
     course: Course
+    recipe: Recipe | None
     taken: TakenProfiles
     camera: Camera | None
     headers: Mapping[int, ProfileHeader] = field(init=False)
@@ -200,7 +206,7 @@ def load_interrupted(folder: Path, cell: Path) -> InterruptedScan:
 
     folder : of the scan
     cell : cell.yaml of the cell as it is now
-    :raises ResumeError: the scan has ended, runs, or is of another calibration
+    :raises ResumeError: the scan has ended, runs, is of another calibration, or its recipe is gone
     :raises FileError: a file of the scan cannot be read
     :raises BagError: its bag is gone, or damaged before its end
     """
@@ -209,6 +215,7 @@ def load_interrupted(folder: Path, cell: Path) -> InterruptedScan:
     job = scan_folder.load_job(folder)
     _require_interrupted(folder, job)
     course, request = _stored(folder, job)
+    recipe = _stored_recipe(folder, request)
     _require_same_cell(folder / 'cell.yaml', cell)
     camera_file = folder / 'camera.yaml'
     camera = load_camera(camera_file) if camera_file.exists() else None
@@ -220,6 +227,7 @@ def load_interrupted(folder: Path, cell: Path) -> InterruptedScan:
     return InterruptedScan(
         folder=folder,
         request=request,
+        recipe=recipe,
         course=replace(
             course,
             # a sweep without a profile is taken as it was planned
@@ -281,6 +289,22 @@ def _stored(folder: Path, job: Mapping[str, Any]) -> tuple[Course, ScanRequest]:
     except (ParameterError, KeyError, TypeError, ValueError) as error:
         path = folder / scan_folder.JOB_FILE
         raise FileError(f'{path}: is not that of a scan: {error}') from error
+
+
+def _stored_recipe(folder: Path, request: ScanRequest) -> Recipe | None:
+    """:raises ResumeError: the scan began with a recipe whose copy is gone or not valid."""
+    try:
+        recipe = load_stored_recipe(folder, request.recipe)
+    except RecipeError as error:
+        raise ResumeError(f'{folder.name}: {error}; {_REMEDY}') from error
+    # without a folder of recipes the name is one for the catalogue
+    has_recipe = request.recipe and scan_folder.load_parameters(folder).get('recipe_root')
+    if has_recipe and recipe is None:
+        raise ResumeError(
+            f'{folder / RECIPE_FOLDER}: has no recipe {request.recipe}, with which the scan '
+            f'began; {_REMEDY}'
+        )
+    return recipe
 
 
 def _require_same_cell(began: Path, now: Path) -> None:

@@ -35,16 +35,15 @@ class HistoryTab:
         self,
         gui: Any,
         root: Path,
-        recipe_root: Path | None,
         show: Callable[[DrawnMesh], object],
     ) -> None:
         """
         Add the elements to the container that is open in ``gui``.
 
-        root, recipe_root : folders of the scans, and of the recipes; None for none
+        root : folder of the scans
         show : draws a mesh
         """
-        self._root, self._recipe_root, self._show = root, recipe_root, show
+        self._root, self._show = root, show
         self._found: dict[str, FoundScan] = {}
         self._scan = gui.add_dropdown('Scan', (_NONE,))
         self._other = gui.add_dropdown('Compare with', (_NONE,))
@@ -115,7 +114,7 @@ class HistoryTab:
 
     def _nominal(self, event: Any, folder: Path) -> PlacedNominal | None:
         try:
-            return load_placed_nominal(folder, self._recipe_root)
+            return load_placed_nominal(folder)
         except ScanError as error:
             # the mesh is shown all the same
             _say(event, f'without deviation: {error}')

@@ -159,7 +159,7 @@ class WorkPage(ViewPage):
         with tabs.add_tab('Calibrate', 'ruler-measure'):
             self.calibrate = CalibrateTab(gui, setup.pictures)
         with tabs.add_tab('History', 'history'):
-            self.history = HistoryTab(gui, setup.scans, setup.recipe_root, self.show_mesh)
+            self.history = HistoryTab(gui, setup.scans, self.show_mesh)
 
     def _describe(self, recipe: str) -> str:
         root = self._setup.recipe_root

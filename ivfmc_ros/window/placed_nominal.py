@@ -20,9 +20,9 @@ from ivfmc_ros.inspection.nominal_faults import oriented
 from ivfmc_ros.inspection.reports.color_scale import ColorBar
 from ivfmc_ros.model import Floats
 from ivfmc_ros.scan.recipe import InspectionPlan
-from ivfmc_ros.scan.recipe import load_recipe
 from ivfmc_ros.scan.recipe_verdict import INSPECTION
 from ivfmc_ros.scan.scan_folder import load_job
+from ivfmc_ros.scan.stored_recipe import load_stored_recipe
 from ivfmc_ros.surface import Surface
 
 
@@ -63,19 +63,17 @@ class PlacedNominal:
         )
 
 
-def load_placed_nominal(folder: Path, recipe_root: Path | None) -> PlacedNominal | None:
+def load_placed_nominal(folder: Path) -> PlacedNominal | None:
     """
     Read the nominal of an inspected scan, and where the inspection placed it.
 
     folder : of the scan
-    recipe_root : folder of the recipes; None for none
-    :returns: None for a scan without an inspection, or without recipes
+    :returns: None for a scan without an inspection, or without a copy of its recipe
     :raises FileError: ``inspection.json`` or the nominal cannot be read
-    :raises RecipeError: the recipe is not valid, or has another nominal than at the time of the
-        scan
+    :raises RecipeError: the copy is not valid, or has another nominal than the inspection
     """
     path = folder / INSPECTION
-    if recipe_root is None or not path.is_file():
+    if not path.is_file():
         return None
     try:
         document = json.loads(files.read_bytes(path))
@@ -85,9 +83,14 @@ def load_placed_nominal(folder: Path, recipe_root: Path | None) -> PlacedNominal
         tolerance = float(document['tolerance_m'])
     except (ValueError, KeyError, TypeError) as error:
         raise FileError(f'{path}: is no result of an inspection ({error})') from error
-    plan = load_recipe(recipe_root, name).inspection
+    recipe = load_stored_recipe(folder, name)
+    if recipe is None:
+        return None
+    plan = recipe.inspection
     if plan is None or plan.nominal.name != nominal:
-        raise RecipeError(f'recipe {name}: was changed since {folder.name}, judged by {nominal}')
+        raise RecipeError(
+            f'recipe {name} of {folder.name}: has not the nominal of the inspection, {nominal}'
+        )
     body, _ = oriented(read_mesh(plan.nominal, plan.unit))
     return PlacedNominal(
         surface=Surface(body.vertices_xyz, body.faces),
@@ -97,7 +100,7 @@ def load_placed_nominal(folder: Path, recipe_root: Path | None) -> PlacedNominal
     )
 
 
-def plan_of_scan(folder: Path, recipe_root: Path | None) -> InspectionPlan | None:
+def plan_of_scan(folder: Path) -> InspectionPlan | None:
     """
     Return how a running scan will be judged.
 
@@ -105,9 +108,8 @@ def plan_of_scan(folder: Path, recipe_root: Path | None) -> InspectionPlan | Non
     :raises ScanError: ``job.json`` or the recipe cannot be read
     """
     name = str(load_job(folder).get('request', {}).get('recipe', ''))
-    if recipe_root is None or not name:
-        return None
-    plan = load_recipe(recipe_root, name).inspection
+    recipe = load_stored_recipe(folder, name)
+    plan = None if recipe is None else recipe.inspection
     return None if plan is None or plan.datums else plan
 
 

@@ -11,6 +11,7 @@ from support.recordings import write_profiles
 from support.synthetic import small_cell
 
 from ivfmc_ros.cell.cell_file import save_cell
+from ivfmc_ros.meshing.io.export import write_solid
 from ivfmc_ros.scan import scan_folder
 from ivfmc_ros.scan.completeness import CompletenessLimits
 from ivfmc_ros.scan.plan import make_plan
@@ -19,6 +20,8 @@ from ivfmc_ros.scan.request import ScanRequest
 from ivfmc_ros.scan.resume import CAN_RESUME
 from ivfmc_ros.scan.resume import COURSE
 from ivfmc_ros.scan.resume import Course
+from ivfmc_ros.scan.stored_recipe import RECIPE_FOLDER
+from ivfmc_ros.simulation.parts.solids import box
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 
 SCAN = '20261128T101500Z_part'
@@ -95,6 +98,28 @@ def test_interrupted_scan_goes_on_with_what_is_missing(client, fake, orchestrato
     client.set('orchestrator', motion='step', profiles=3, velocity=20.0, acceleration=200.0)
     assert client.trigger('scan', 60.0)[1]['resumed'] is False
     assert fake.parameter('triangulator', 'first_profile') == 0
+
+
+def test_resumed_scan_is_judged_by_the_recipe_with_which_it_began(
+    client, fake, orchestrator, root
+):
+    """The orchestrator was started again without a folder of recipes."""
+    job = scan_folder.load_job(root / SCAN)
+    job['request'] |= {'recipe': 'judged', 'formats': ['ply']}
+    scan_folder.save_job(root / SCAN, job)
+    copy = root / SCAN / RECIPE_FOLDER
+    copy.mkdir()
+    solid = box((0.02, 0.03, 0.05))
+    write_solid(copy / 'block.stl', solid.vertices_xyz, solid.faces)
+    (copy / 'judged.yaml').write_text('inspection: {nominal: block.stl, tolerance: 0.1}')
+    fake.say_zero(ZERO)
+    client.set('orchestrator', resume_scan=SCAN)
+    success, answer = client.trigger('resume')
+    assert success, answer
+    client.until(lambda: values_of(client)['result'], 60.0, 'no end')
+    result = json.loads(values_of(client)['result'])
+    assert result['inspection']['recipe'] == 'judged', result
+    assert result['verdict'] in ('no uncertainty known', 'not decided')
 
 
 def test_scan_that_cannot_be_resumed_is_refused_by_name_and_stays(

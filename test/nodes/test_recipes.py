@@ -87,6 +87,8 @@ def test_mesh_is_judged_and_the_verdict_is_told_everywhere(client, fake, orchest
     success, answer = scan(client, 'judged')
     assert success, answer
     assert answer['parameters']['part'] == 'block'
+    stored = place / 'scans' / answer['scan_id'] / 'recipe'
+    assert {path.name for path in stored.iterdir()} == {'judged.yaml', 'block.stl'}
     # PLY states the uncertainty of the vertices
     assert answer['parameters']['formats'] == ['stl', 'ply']
     assert 'inspecting' in answer['seconds']

@@ -19,6 +19,8 @@ from ivfmc_ros.scan import scan_folder
 from ivfmc_ros.scan.recipe import load_recipe
 from ivfmc_ros.scan.recipe_inspection import inspect_scan
 from ivfmc_ros.scan.recipe_verdict import InspectionProcess
+from ivfmc_ros.scan.stored_recipe import load_stored_recipe
+from ivfmc_ros.scan.stored_recipe import store_recipe
 from ivfmc_ros.simulation.parts.solids import box
 
 SIZE = (0.02, 0.03, 0.05)
@@ -35,9 +37,10 @@ def root(tmp_path):
     return root
 
 
-def scanned(folder, size=SIZE, unit='mm'):
-    """Write the folder of a scan with a mesh that states no uncertainty."""
+def scanned(folder, root, size=SIZE, unit='mm'):
+    """Write the folder of a scan with a mesh that states no uncertainty, and with its recipe."""
     folder.mkdir()
+    store_recipe(load_recipe(root, 'box'), root, folder)
     part = box(size)
     fine = open3d.geometry.TriangleMesh(
         open3d.utility.Vector3dVector(part.vertices_xyz),
@@ -60,8 +63,8 @@ def ended(process):
 
 
 def test_mesh_is_judged_with_a_known_uncertainty(tmp_path, root):
-    folder = scanned(tmp_path / 'scan')
-    recipe = load_recipe(root, 'box')
+    folder = scanned(tmp_path / 'scan', root)
+    recipe = load_stored_recipe(folder, 'box')
     settings = replace(recipe.inspection.settings, vertex_u=1e-6)
     plan = replace(recipe.inspection, settings=settings)
     figures = inspect_scan(folder, replace(recipe, inspection=plan))
@@ -72,7 +75,7 @@ def test_mesh_is_judged_with_a_known_uncertainty(tmp_path, root):
 
 
 def test_process_says_what_it_found_in_short(tmp_path, root):
-    process = InspectionProcess(scanned(tmp_path / 'scan'), root, 'box')
+    process = InspectionProcess(scanned(tmp_path / 'scan', root), 'box')
     result = ended(process)
     process.kill()
     # never a pass without a known uncertainty
@@ -92,9 +95,9 @@ def test_process_says_what_it_found_in_short(tmp_path, root):
     ],
 )
 def test_nothing_is_decided_where_the_mesh_cannot_be_judged(tmp_path, root, change, said):
-    folder = scanned(tmp_path / 'scan')
+    folder = scanned(tmp_path / 'scan', root)
     change(folder)
-    process = InspectionProcess(folder, root, 'box')
+    process = InspectionProcess(folder, 'box')
     result = ended(process)
     process.kill()
     assert result['verdict'] == 'not decided'
@@ -102,6 +105,6 @@ def test_nothing_is_decided_where_the_mesh_cannot_be_judged(tmp_path, root, chan
 
 
 def test_process_that_is_killed_is_gone(tmp_path, root):
-    process = InspectionProcess(scanned(tmp_path / 'scan'), root, 'box')
+    process = InspectionProcess(scanned(tmp_path / 'scan', root), 'box')
     process.kill()
     assert process.is_done

@@ -181,6 +181,33 @@ def test_job_file_that_is_none_of_a_scan_is_refused(folder, cell, change):
         load_interrupted(folder, cell)
 
 
+def write_with_recipe(folder, **parameters):
+    write_job(folder, request={**REQUEST.as_dict(), 'recipe': 'fine'})
+    scan_folder.save_parameters(folder, {'recipe': 'fine', **parameters})
+
+
+def test_scan_goes_on_with_the_recipe_with_which_it_began(folder, cell):
+    write_with_recipe(folder, recipe_root='recipes')
+    (folder / 'recipe').mkdir()
+    (folder / 'recipe' / 'fine.yaml').write_text('part: shaft')
+    assert load_interrupted(folder, cell).recipe.part == 'shaft'
+
+
+def test_scan_is_not_resumed_without_the_recipe_that_would_judge_it(folder, cell):
+    write_with_recipe(folder, recipe_root='recipes')
+    with pytest.raises(ResumeError, match='recipe: has no recipe fine, with which the scan began'):
+        load_interrupted(folder, cell)
+    (folder / 'recipe').mkdir()
+    (folder / 'recipe' / 'fine.yaml').write_text('parts: shaft')
+    with pytest.raises(ResumeError, match=r"interrupted: .*fine.yaml: .*unknown key 'parts'"):
+        load_interrupted(folder, cell)
+
+
+def test_name_of_a_recipe_for_the_catalogue_needs_no_copy(folder, cell):
+    write_with_recipe(folder, recipe_root='')
+    assert load_interrupted(folder, cell).recipe is None
+
+
 @pytest.mark.parametrize('name', ['../scans', '/etc', 'a/b', '..', 'a..b', '.hidden', '-x', 'a b'])
 def test_id_that_is_a_path_is_refused(name):
     with pytest.raises(ParameterError, match='is not the id of a scan'):

@@ -42,7 +42,7 @@ def tab(tmp_path):
     (folder / '.hidden').write_bytes(b'')
     (tmp_path / 'secret').write_bytes(b'of no scan')
     server = start_server('test')
-    tab = HistoryTab(server.gui, tmp_path, None, lambda mesh: None)
+    tab = HistoryTab(server.gui, tmp_path, lambda mesh: None)
     tab.refresh()
     yield tab
     server.stop()

@@ -24,7 +24,7 @@ async def judge_mesh(context: ScanContext, outcome: Outcome, until: Until) -> Ma
     name = context.request.recipe
     if outcome.code != 'OK':
         return undecided(name, f'the scan is {outcome.code}: {outcome.detail}')
-    process = InspectionProcess(context.folder, context.recipe_root, name)
+    process = InspectionProcess(context.folder, name)
     try:
         what = 'the inspection of the mesh'
         await until(lambda: process.is_done, _INSPECTION_S, what, 'TIMEOUT')

@@ -25,7 +25,7 @@ class ScanContext:
     home : home the table first
     reserve : bytes of the disk that stay free
     limits : what a complete view has at least
-    recipe : the recipe, and the folder of all; None without one
+    recipe : the copy of the recipe in ``folder``; None without one
     resumed : the interrupted scan that goes on; None for a new one
     """
 
@@ -42,7 +42,6 @@ class ScanContext:
     reserve: float
     limits: CompletenessLimits
     recipe: Recipe | None = None
-    recipe_root: Path = Path()
     resumed: InterruptedScan | None = None
 
     @property
