@@ -32,7 +32,8 @@ help:
 	@echo 'make test    linters, types, documentation and tests; make test-slow: the longest ones'
 	@echo 'make demo    scan the demo part in a simulated cell into build/demo'
 	@echo 'make bench   measure figures into build/bench; NAME=stripe: one group'
-	@echo 'make faults  cause faults in scans and in a cell of real processes; nearly two hours'
+	@echo 'make faults  cause faults in scans and in a cell of real processes, kill scans and'
+	@echo '             resume them; three hours'
 	@echo 'make soak    200 short scans in a row: memory, files and threads that a scan leaves'
 	@echo 'make docs    build the documentation into build/docs'
 	@echo 'make reference, make figures, make pictures'
@@ -73,7 +74,7 @@ bench: $(READY)
 	PYTHONPATH=test $(BIN)/python -m bench $(NAME)
 
 faults: $(READY)
-	PYTHONPATH=test $(BIN)/python -m bench faults
+	PYTHONPATH=test $(BIN)/python -m bench faults resume
 
 soak: $(READY)
 	PYTHONPATH=test $(BIN)/python -m bench soak
