@@ -23,6 +23,7 @@ from support import controller_faults as faults
 from support import controller_features as features
 from support.beam_kills import beam_off_after_kill
 from support.beam_kills import cell_for_kills
+from support.beam_kills import KillCell
 from support.beam_kills import KILLED_PARTS
 from support.camera_faults import CAMERA_FAULTS
 from support.camera_faults import camera_outcome
@@ -126,8 +127,23 @@ def kills() -> Iterator[Number]:
     with cell_for_kills() as cell:
         for part, note in KILLED_PARTS.items():
             for number in (signal.SIGKILL, signal.SIGSTOP):
-                seconds = [beam_off_after_kill(cell, part, number) for _ in range(KILLS)]
+                seconds, ended = _kills_in_scans(cell, part, number)
                 yield from _kill_rows(part, number, seconds, note)
+                title = f'{number.name} of the {part}: scans that ended before it'
+                yield Number(title, ended, 'scans', at_most(0), 'another one was begun instead')
+
+
+def _kills_in_scans(cell: KillCell, part: str, number: signal.Signals) -> tuple[list[float], int]:
+    """Return the seconds of each kill, and how many scans ended before they could be killed."""
+    seconds: list[float] = []
+    ended = 0
+    while len(seconds) < KILLS and ended < KILLS:
+        measured = beam_off_after_kill(cell, part, number)
+        if math.isnan(measured):
+            ended += 1
+        else:
+            seconds.append(measured)
+    return seconds, ended
 
 
 def _kill_rows(
@@ -137,7 +153,8 @@ def _kill_rows(
     within = sum(value < 1.0 for value in seconds)
     yield Number(f'{name} within 1 s', within, f'of {KILLS}', at_least(KILLS), note)
     # a beam that did not shine at the kill is no time
-    slowest = math.nan if any(map(math.isnan, seconds)) else max(seconds)
+    is_measured = seconds and not any(map(math.isnan, seconds))
+    slowest = max(seconds) if is_measured else math.nan
     yield Number(f'{name}, slowest', slowest, 's', at_most(1.0))
 
 
