@@ -16,9 +16,9 @@ import os
 from pathlib import Path
 import statistics
 import tempfile
-import time
 from typing import Any
 
+import numpy as np
 import psutil
 from sensor_msgs.msg import PointCloud2
 from support.browser import browser
@@ -34,19 +34,21 @@ from ivfmc_ros.nodes.convert.stamps import nanoseconds
 PORT = 8189
 COUNTS = (0, 1, 5)
 SCAN = {'motion': 'continuous', 'profiles': 120, 'profile_rate': 10.0, 'lasers': ['left', 'right']}
-# Notes when a message with points has come, and when the picture with them is on the screen: the
-# second animation frame after it.
+# The page of viser receives in a worker. Notes how many points of profiles have come, and when the
+# picture with them is on the screen: the second animation frame after they came.
 HOOK = """
 window.drawn = [];
-const Original = window.WebSocket;
-window.WebSocket = class extends Original {
+const Original = window.Worker;
+window.Worker = class extends Original {
   constructor(...given) {
     super(...given);
     this.addEventListener('message', (event) => {
-      const size = event.data.size || event.data.byteLength || 0;
-      const came = performance.timeOrigin + performance.now();
-      if (size > 4000) requestAnimationFrame(() => requestAnimationFrame(() => {
-        window.drawn.push([came, performance.timeOrigin + performance.now()]);
+      const batch = event.data.type === 'message_batch' ? event.data.messages : [];
+      const clouds = batch.filter((one) =>
+        one.type === 'PointCloudMessage' && one.name.startsWith('/profiles/'));
+      const points = clouds.reduce((sum, one) => sum + one.props.colors.byteLength / 3, 0);
+      if (points) requestAnimationFrame(() => requestAnimationFrame(() => {
+        window.drawn.push([points, performance.timeOrigin + performance.now()]);
       }));
     });
   }
@@ -117,10 +119,11 @@ def _make_idle() -> None:
 
 def _scan(client: Any) -> tuple[int, float]:
     """Return how many profiles were not recorded, and the seconds of scanning."""
-    client.stamps = []
+    client.profiles = []
 
     def note(message: PointCloud2) -> None:
-        client.stamps.append((1e-9 * nanoseconds(message.header.stamp), time.time()))
+        points = message.width * message.height
+        client.profiles.append((1e-9 * nanoseconds(message.header.stamp), points))
 
     subscription = client.node.create_subscription(PointCloud2, 'profile', note, 100)
     assert client.set('orchestrator', **SCAN).successful
@@ -136,16 +139,22 @@ def _scan(client: Any) -> tuple[int, float]:
     values = {item.key: item.value for item in client.status[-1].values}
     result = json.loads(values['result'])
     assert result['code'] == 'OK', result
-    lost = len(client.stamps) - result['counts']['profiles'] + result['counts']['dropped']
+    lost = len(client.profiles) - result['counts']['profiles'] + result['counts']['dropped']
     return abs(lost), float(result['seconds']['scanning'])
 
 
 def _latency(client: Any, page: Any) -> list[float]:
-    """Return seconds from the exposure of each profile to the first picture with it."""
-    drawn = [(1e-3 * came, 1e-3 * shown) for came, shown in page.evaluate('window.drawn')]
-    found = []
-    for stamp, published in client.stamps:
-        later = [shown for came, shown in drawn if came >= published]
-        if later:
-            found.append(min(later) - stamp)
-    return found
+    """
+    Return seconds from the exposure of each profile to the first picture with all of its points.
+
+    The page receives the points in the order of the profiles, and none is left out.
+    """
+    drawn = [(points, 1e-3 * shown) for points, shown in page.evaluate('window.drawn')]
+    on_screen = np.cumsum([points for points, _ in drawn])
+    published = np.cumsum([points for _, points in client.profiles])
+    first = np.searchsorted(on_screen, published)
+    return [
+        drawn[index][1] - stamp
+        for index, (stamp, points) in zip(first, client.profiles, strict=True)
+        if points and index < len(drawn)
+    ]

@@ -39,6 +39,8 @@ _MAGIC = b'\x89MCAP0\r\n'
 _HEAD = struct.Struct('<BQ')
 # Chunk before its compression: start and end time, uncompressed size and CRC, length of the name.
 _CHUNK = struct.Struct('<QQQII')
+# Index of messages: channel, size of all its entries; size of an entry.
+_INDEX, _INDEX_ENTRY = struct.Struct('<HI'), 16
 _COMPRESSIONS = (b'', b'lz4', b'zstd')
 # Opcodes from this one on are those of other programs (https://mcap.dev/spec).
 _PRIVATE = 0x80
@@ -161,7 +163,8 @@ def part_at(data: mmap.mmap, position: int) -> tuple[IntactPart | None, int]:
     kind = _TYPES.get(opcode)
     if kind is None:
         # indices, which are rebuilt, and records of other programs
-        return IntactPart(offset=position, records=()), end
+        is_whole = opcode != Opcode.MESSAGE_INDEX or _is_message_index(data, position)
+        return (IntactPart(offset=position, records=()) if is_whole else None), end
     content = data[position + _HEAD.size : end]
     try:
         record = kind.read(*_arguments(kind, content))
@@ -212,10 +215,22 @@ def _is_chunk(data: mmap.mmap, position: int) -> bool:
     return is_known and is_inside and bool(length == _CHUNK.size + name_length + 8 + size)
 
 
+def _is_message_index(data: mmap.mmap, position: int) -> bool:
+    """Tell whether the lengths of an index agree: a wrong one would skip the chunks behind it."""
+    _, length = _HEAD.unpack_from(data, position)
+    if length < _INDEX.size:
+        return False
+    _, size = _INDEX.unpack_from(data, position + _HEAD.size)
+    return bool(length == _INDEX.size + size and size % _INDEX_ENTRY == 0)
+
+
 def skip_damage(data: mmap.mmap, position: int) -> tuple[int, str]:
     """Return where reading continues after a damaged record, and what is wrong with it."""
     end = _end(data, position)
     is_chunk = data[position] == Opcode.CHUNK
+    if data[position] == Opcode.MESSAGE_INDEX:
+        # no profile is lost with it, and its length is not known
+        return _next_chunk(data, position + 1), 'an index is damaged'
     if end is None:
         following = _next_chunk(data, position + 1)
         if following == len(data):

@@ -91,6 +91,21 @@ def test_repair_keeps_all_intact_chunks_and_the_original(scan):
     assert repair_recording(scan).written == ()
 
 
+@pytest.mark.parametrize('byte', range(4))
+def test_wrong_length_of_an_index_loses_no_profile(scan, byte):
+    """It leads behind the next chunks, where a record may begin by chance."""
+    whole, file = messages_of(scan), scan / 'scan.mcap'
+    # opcode and length of the index behind the first chunk: one entry of 16 bytes for each profile
+    index = bytes([7]) + (2 + 4 + 3 * 16).to_bytes(8, 'little')
+    content = file.read_bytes()
+    place = content.index(index) + 1
+    for bit in range(8):
+        data = bytearray(content)
+        data[place + byte] ^= 1 << bit
+        file.write_bytes(data)
+        assert messages_of(scan, salvage=True) == whole
+
+
 def test_repaired_bag_is_read_by_other_software(scan):
     flip(scan / 'scan.mcap', chunk_middles(scan / 'scan.mcap')[0])
     repair_recording(scan)
