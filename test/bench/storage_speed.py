@@ -25,7 +25,7 @@ def write_scan(folder: Path, count: int, shape: tuple[int, int]) -> None:
     cell = bench_cell()
     if (cell.camera.height, cell.camera.width) != shape:
         raise ValueError(f'the bench cell has other pictures than {shape}')
-    frames = simulate_scan(cell, demo_part(), _RENDERED, lasers=[0])
+    frames = list(simulate_scan(cell, demo_part(), _RENDERED, lasers=[0]))
     with create_bag(folder / 'bag', compress=False) as bag:
         for number in range(count):
             stamp = START + number * 20_000_000
