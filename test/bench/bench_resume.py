@@ -4,6 +4,7 @@
 Resumed scans: the whole graph is killed by SIGKILL at random moments of a scan, and goes on.
 
 IVFMC_RESUME_KILLS sets the number of kills (50): each takes about a minute and a half.
+IVFMC_RESUME_SEED sets their moments.
 """
 
 from collections.abc import Iterator
@@ -26,7 +27,7 @@ from bench import at_most
 from bench import Number
 
 KILLS = int(os.environ.get('IVFMC_RESUME_KILLS', '50'))
-SEED = 20261128
+SEED = int(os.environ.get('IVFMC_RESUME_SEED', '20261128'))
 # Profiles that are recorded when the kill is due, and seconds from then on: in both sweeps, and
 # between two chunks of the bag.
 FIRST, LAST, DELAY_S = 1, 80, 0.5
