@@ -5,7 +5,6 @@
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
-import resource
 import time
 
 import numpy as np
@@ -67,4 +66,11 @@ def _profiles(folder: Path) -> float:
 
     scan, cell = read_scan(folder / 'bag', None, None, BagOptions())
     measure_profiles(cell, scan.frames(), Settings())
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    return _peak_memory()
+
+
+def _peak_memory() -> float:
+    """Return that of this process, MiB; ru_maxrss is that of its parent where it was larger."""
+    lines = Path('/proc/self/status').read_text(encoding='ascii').splitlines()
+    [peak] = [line.split()[1] for line in lines if line.startswith('VmHWM:')]
+    return int(peak) / 1024.0
