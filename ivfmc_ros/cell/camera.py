@@ -85,7 +85,7 @@ class Camera:
         if len(pixels):
             rays[:, :2] = _undistort(pixels, self.K, self.distortion).reshape(-1, 2)
             # OpenCV returns the last iterate, whether or not it converged
-            error = np.abs(self.project(rays) - pixels[:, 0]).max(axis=1)
+            error = np.abs(self._pixels(rays) - pixels[:, 0]).max(axis=1)
             rays[~(error < _MAX_REPROJECTION), :2] = np.nan
         return rays
 
@@ -102,6 +102,23 @@ class Camera:
         zero = np.zeros(3)
         projected, _ = cv2.projectPoints(points, zero, zero, self.K, self.distortion)
         return np.asarray(projected, dtype=np.float64).reshape(-1, 2)
+
+    def _pixels(self, rays: Floats) -> Floats:
+        """
+        Return the (n, 2) pixels of (n, 3) rays of unit depth.
+
+        As ``project``: OpenCV computes derivatives with it, which takes five times as long.
+        """
+        x, y = rays[:, 0], rays[:, 1]
+        square = x * x + y * y
+        k1, k2, p1, p2, k3 = self.distortion[:5]
+        radial, _ = _cubic((k1, k2, k3), square)
+        if len(self.distortion) > 5:
+            radial = radial / _cubic(self.distortion[5:], square)[0]
+        mixed = 2.0 * x * y
+        u = x * radial + p1 * mixed + p2 * (square + 2.0 * x * x)
+        v = y * radial + p1 * (square + 2.0 * y * y) + p2 * mixed
+        return np.stack([self.K[0, 0] * u + self.K[0, 2], self.K[1, 1] * v + self.K[1, 2]], axis=1)
 
     def ray_jacobian(self, rays: Floats, along: Literal['u', 'v']) -> Floats:
         """

@@ -35,6 +35,7 @@ from ivfmc_ros.scan.title_block import source_texts
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.scans.scan_bag import ScanBag
 from ivfmc_ros.storage.scans.stored_scan import load_profiles
+from ivfmc_ros.stripe.opencv_threads import use_one_thread
 
 
 @click.command()
@@ -140,6 +141,7 @@ def require_right(document: Mapping[str, Any]) -> None:
 
 
 def _measure(scan: ScanBag, cell: Cell, settings: Settings) -> Reconstruction:
+    use_one_thread()
     with progress_bars() as progress:
         return run(cell, scan.frames(), settings, scan.frame_count, progress)
 

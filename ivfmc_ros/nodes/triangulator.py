@@ -47,6 +47,7 @@ from ivfmc_ros.storage.matching.joint_history import joint_in_message
 from ivfmc_ros.storage.messages.rectified import require_raw_images
 from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
+from ivfmc_ros.stripe.opencv_threads import use_one_thread
 from ivfmc_ros.stripe.stream import FrameProfiles
 from ivfmc_ros.stripe.stream import StreamAcquisition
 
@@ -391,6 +392,7 @@ class Triangulator(CellNode):
 
 def main() -> None:
     """Run the node."""
+    use_one_thread()
     sys.exit(run(Triangulator))
 
 

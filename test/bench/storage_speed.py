@@ -63,7 +63,9 @@ def _profiles(folder: Path) -> float:
     from ivfmc_ros.cli.support.source import read_scan
     from ivfmc_ros.pipeline import measure_profiles
     from ivfmc_ros.pipeline import Settings
+    from ivfmc_ros.stripe.opencv_threads import use_one_thread
 
+    use_one_thread()
     scan, cell = read_scan(folder / 'bag', None, None, BagOptions())
     measure_profiles(cell, scan.frames(), Settings())
     return _peak_memory()

@@ -31,6 +31,7 @@ from ivfmc_ros.scan.title_block import source_texts
 from ivfmc_ros.storage.bag.locate import find_files
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.scans.stored_scan import load_profiles
+from ivfmc_ros.stripe.opencv_threads import use_one_thread
 
 MARK = 'batch.json'
 
@@ -81,6 +82,7 @@ class BatchOutcome:
 def run_job(job: BatchJob) -> BatchOutcome:
     """Reconstruct one bag; an error becomes the outcome of this job alone."""
     begin = time.monotonic()
+    use_one_thread()
     try:
         outcome = _finished(job) or _reconstruct(job)
     except ScanError as error:
