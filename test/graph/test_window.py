@@ -13,6 +13,7 @@ from rcl_interfaces.srv import GetParameters
 from support.browser import browser
 from support.browser import open_page
 from support.small_cell import small_cell_options
+import viser
 
 from ivfmc_ros.meshing.io.export import write_solid
 from ivfmc_ros.simulation.parts.solids import demo_part
@@ -97,14 +98,22 @@ def exchange(target, **headers):
 
 
 def flood(megabytes):
-    """Send a WebSocket message of so many megabytes."""
-    key = {'Sec-WebSocket-Key': 'dGhlIHNhbXBsZSBub25jZQ==', 'Sec-WebSocket-Version': '13'}
+    """Send a WebSocket message of so many megabytes, as a page of this server does: in frames."""
+    fields = {
+        'Upgrade': 'websocket',
+        'Connection': 'Upgrade',
+        'Sec-WebSocket-Key': 'dGhlIHNhbXBsZSBub25jZQ==',
+        'Sec-WebSocket-Version': '13',
+        'Sec-WebSocket-Protocol': f'viser-v{viser.__version__}',
+    }
     with socket.create_connection(('127.0.0.1', PORT), 30) as connection:
-        connection.sendall(head('/', Upgrade='websocket', Connection='Upgrade', **key))
-        # the server answers, or closes: nothing is read, as the sender does not care
-        connection.sendall(b'\x82\xff' + (megabytes * 1_000_000).to_bytes(8, 'big') + bytes(4))
-        for _ in range(megabytes):
-            connection.sendall(bytes(1_000_000))
+        connection.sendall(head('/', **fields))
+        assert connection.recv(65536).startswith(b'HTTP/1.1 101')
+        size = 1_000_000
+        for number in range(megabytes):
+            # binary, then continuations; none is the last one, and the mask is 0
+            opcode = b'\x00' if number else b'\x02'
+            connection.sendall(opcode + b'\xff' + size.to_bytes(8, 'big') + bytes(4 + size))
 
 
 def refused(client):
