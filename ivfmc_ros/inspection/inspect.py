@@ -9,6 +9,7 @@ import numpy as np
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.cell.scale import doubt_text
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.inspection.alignment import Alignment
 from ivfmc_ros.inspection.comparison import Comparison
@@ -119,7 +120,7 @@ def inspect(
         region_names=[region.name for region in found],
         owner=owner,
         calibrated=settings.vertex_u is not None or len(comparison.model.rigid) > 0,
-        notes=notes + placing + _notes(mesh, settings, comparison),
+        notes=notes + placing + _notes(mesh, settings, cell, comparison),
         misplaced=bool(placing) and alignment.method == settings.align,
         unseen=[region.name for k, region in enumerate(found) if not (owner == k).any()],
     )
@@ -187,11 +188,14 @@ def _uncertainty(
     )
 
 
-def _notes(mesh: MeshBody, settings: InspectSettings, comparison: Comparison) -> list[str]:
+def _notes(
+    mesh: MeshBody, settings: InspectSettings, cell: Cell | None, comparison: Comparison
+) -> list[str]:
     """Return what is not known of the uncertainty."""
     if settings.vertex_u is not None:
         return []
-    found = []
+    doubt = '' if cell is None else doubt_text(cell.notes)
+    found = [f'scale: {doubt}; calibrate the cell again'] if doubt else []
     if mesh.sigma is None or not np.isfinite(mesh.sigma).any():
         found.append(
             'mesh: the file states no uncertainty of its vertices (sigma): no verdict; use the '

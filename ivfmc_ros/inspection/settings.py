@@ -8,6 +8,7 @@ from dataclasses import field
 from dataclasses import replace
 
 from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.cell.scale import scale_u
 from ivfmc_ros.inspection.conditions import Conditions
 from ivfmc_ros.inspection.tolerances import Tolerances
 from ivfmc_ros.validation import require_in_range
@@ -48,10 +49,10 @@ class InspectSettings:
 
     def with_scale_of(self, cell: Cell | None) -> 'InspectSettings':
         """Return the settings with the scale uncertainty that a cell states, if none is set."""
-        joint = None if cell is None else cell.covariance
-        if self.conditions.scale_u or joint is None or not joint.scale_u:
+        own = None if cell is None else scale_u(cell.notes, cell.covariance)
+        if self.conditions.scale_u or not own:
             return self
-        return replace(self, conditions=replace(self.conditions, scale_u=joint.scale_u))
+        return replace(self, conditions=replace(self.conditions, scale_u=own))
 
     @property
     def tolerances(self) -> Tolerances:
