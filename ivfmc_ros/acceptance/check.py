@@ -20,6 +20,7 @@ from ivfmc_ros.acceptance.find_planes import find_step
 from ivfmc_ros.acceptance.find_spheres import find_spheres
 from ivfmc_ros.acceptance.find_spheres import FoundSphere
 from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.cell.scale import scale_u
 from ivfmc_ros.inspection.conditions import Conditions
 from ivfmc_ros.inspection.features import fit
 from ivfmc_ros.inspection.uncertainty import calibration_modes
@@ -145,9 +146,8 @@ class _Scan:
         u = CalibrationModes(shifts=modes.shifts).propagate(
             lambda xyz: measure(np.split(xyz, ends)), self.points[joined]
         )
-        covariance = self.cell.covariance
-        scale_u = covariance.scale_u if covariance is not None else None
-        return float(np.hypot(u, length * (scale_u or 0.0)))
+        relative_u = scale_u(self.cell.notes, self.cell.covariance)
+        return float(np.hypot(u, length * (relative_u or 0.0)))
 
 
 def check_artifact(

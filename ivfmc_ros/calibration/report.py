@@ -4,6 +4,7 @@
 
 from collections import Counter
 from collections.abc import Mapping
+from collections.abc import Sequence
 import json
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,8 @@ from ivfmc_ros.calibration.joint.calibrate import JointCalibration
 from ivfmc_ros.calibration.laser.calibrate import LaserCalibration
 from ivfmc_ros.calibration.turntable.calibrate import angle_steps
 from ivfmc_ros.calibration.turntable.calibrate import TurntableCalibration
+from ivfmc_ros.calibration.turntable.scale import ScaleCheck
+from ivfmc_ros.cell.scale import DOUBT
 
 Document = dict[str, Any]
 
@@ -98,16 +101,24 @@ def turntable_report(result: TurntableCalibration, warnings: list[str]) -> Docum
         'median_step_rad': float(np.median(angle_steps(list(result.angles.values())))),
         'scale': SCALE_SOURCES[result.scale_source].format(target=result.views.target),
         'length_over_nominal': result.scale,
+        'length_over_nominal_u': _check_u(result.scale_check),
         'bloom_px': result.adjusted.axis.bloom,
         'warnings': warnings,
     }
 
 
-def joint_report(result: JointCalibration, unknown: Mapping[str, str]) -> Document:
-    """Return the report of a joint calibration; ``unknown`` are the pictures that show nothing."""
+def joint_report(
+    result: JointCalibration, unknown: Mapping[str, str], warnings: Sequence[str] = ()
+) -> Document:
+    """
+    Return the report of a joint calibration.
+
+    unknown : pictures that show nothing, with the reason
+    warnings : of the steps and of the joint adjustment
+    """
     covariance = result.cell.covariance
     noise = result.adjusted.noise
-    camera = result.cell.camera
+    camera, check = result.cell.camera, result.scale_check
     return {
         'rms': result.rms,
         'rms_of_separate_steps': result.steps_rms,
@@ -130,6 +141,8 @@ def joint_report(result: JointCalibration, unknown: Mapping[str, str]) -> Docume
         ],
         'worst_point_u_m': result.worst_point_u,
         'scale_u': None if covariance is None else covariance.scale_u,
+        'length_over_nominal': None if check is None else check.ratio,
+        'length_over_nominal_u': _check_u(check),
         'std': {}
         if covariance is None
         else dict(
@@ -140,7 +153,36 @@ def joint_report(result: JointCalibration, unknown: Mapping[str, str]) -> Docume
             )
         ),
         'not_determined_by_the_pictures': list(result.unobserved),
+        'warnings': list(warnings),
     }
+
+
+# Keys of the note ``board`` of a cell that the calibration of the turntable writes.
+TURNTABLE_NOTES = ('turntable_scale', 'length_over_nominal', 'length_over_nominal_u', DOUBT)
+
+
+def turntable_notes(board: Any) -> Document:
+    """Return the part of a note ``board`` that the calibration of the turntable wrote."""
+    if not isinstance(board, Mapping):
+        return {}
+    return {key: board[key] for key in TURNTABLE_NOTES if key in board}
+
+
+def scale_notes(check: ScaleCheck | None) -> Document:
+    """Return what the note ``board`` of a cell keeps of a check of its scale."""
+    if check is None:
+        return {}
+    notes = {
+        'length_over_nominal': round(check.ratio, 6),
+        'length_over_nominal_u': round(check.u, 6),
+    }
+    if check.is_doubtful:
+        notes[DOUBT] = round(check.difference, 6)
+    return notes
+
+
+def _check_u(check: ScaleCheck | None) -> float | None:
+    return None if check is None else check.u
 
 
 # What the unit of length of the cell was taken from, by ``TurntableCalibration.scale_source``.

@@ -39,6 +39,8 @@ from ivfmc_ros.inspection.reports.json_report import write_report
 from ivfmc_ros.inspection.reports.pdf import find_browser
 from ivfmc_ros.inspection.reports.pdf import print_pdf
 from ivfmc_ros.inspection.reports.summary import document
+from ivfmc_ros.inspection.section_plane import MIDDLE_PLANES
+from ivfmc_ros.inspection.section_plane import parse_sections
 from ivfmc_ros.inspection.settings import ALIGNMENTS
 from ivfmc_ros.inspection.settings import InspectSettings
 from ivfmc_ros.inspection.tolerances import load_tolerances
@@ -148,6 +150,15 @@ _UNDECIDED = 4  # exit code
     metavar='1/K',
     help='Thermal expansion of the part.',
 )
+@click.option(
+    '--section',
+    'sections',
+    multiple=True,
+    metavar='PLANE',
+    help="Plane in which mesh and nominal are drawn over each other, in the nominal's frame: "
+    'z=12.5 (mm), or z for the middle; more than once for more; none for none. Default: three '
+    'through the middle.',
+)
 @click.option('-o', '--output', type=click.Path(path_type=Path), required=True,
               help='Folder to make; must not exist yet.')  # fmt: skip
 @click.option(
@@ -206,6 +217,7 @@ def _settings(options: dict[str, Any]) -> InspectSettings:
         features=tolerances.features,
         vertex_u=options['vertex_u'],
         align=options['align'],
+        sections=parse_sections(options['sections']) if options['sections'] else MIDDLE_PLANES,
         conditions=Conditions(
             scale_u=options['scale_u'],
             temperature=options['temperature'],

@@ -174,10 +174,8 @@ def say(output: Path, document: Mapping[str, Any]) -> None:
             f'{name} to CAD: rms {figures["rms"] * 1e3:.4f} mm, '
             f'95 % within {figures["p95"] * 1e3:.4f} mm'
         )
-    if document.get('table', {}).get('code') == 'UNCHECKED':
-        stdout.print(f'not checked: {document["detail"]}')
-    if triggers := document.get('table', {}).get('triggers'):
-        stdout.print(f'triggers: {triggers}')
+    for line in _table_lines(document):
+        stdout.print(line)
     for subject in ('volume', 'lasers'):
         if advice := document.get(subject, {}).get('advice'):
             stdout.print(advice)
@@ -197,3 +195,10 @@ def say(output: Path, document: Mapping[str, Any]) -> None:
     ):
         if (output / name).exists():
             stdout.print(str(output / name), soft_wrap=True)
+
+
+def _table_lines(document: Mapping[str, Any]) -> list[str]:
+    """Return what the check of the table found beside its code."""
+    table = document.get('table', {})
+    lines = [f'not checked: {document["detail"]}'] if table.get('code') == 'UNCHECKED' else []
+    return lines + [f'{key}: {table[key]}' for key in ('drift', 'triggers') if table.get(key)]

@@ -9,6 +9,7 @@ import numpy as np
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.cell.scale import doubt_text
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.inspection.alignment import Alignment
 from ivfmc_ros.inspection.comparison import Comparison
@@ -22,6 +23,8 @@ from ivfmc_ros.inspection.nominal_faults import align_to_nominal
 from ivfmc_ros.inspection.nominal_faults import oriented
 from ivfmc_ros.inspection.regions import segment_surface
 from ivfmc_ros.inspection.regions import SurfaceRegion
+from ivfmc_ros.inspection.section_cut import section_cuts
+from ivfmc_ros.inspection.section_cut import SectionCut
 from ivfmc_ros.inspection.settings import InspectSettings
 from ivfmc_ros.inspection.surface_measurement import measure_surface
 from ivfmc_ros.inspection.surface_measurement import SurfaceResult
@@ -52,6 +55,7 @@ class Inspection:
     region_names : of all regions of the nominal, the largest first; their numbers begin at 1
     owner : (n,) index in ``region_names`` of the region of each vertex, -1 for none
     calibrated : the uncertainty includes that of the calibration, or was stated as a whole
+    sections : cuts of mesh and nominal by ``settings.sections``
     unseen : names of the nominal's regions without a measured vertex; they have no verdict
     notes : what was found wrong with the nominal, and what was done about it
     misplaced : the mesh does not lie on the nominal: nothing is decided
@@ -66,6 +70,7 @@ class Inspection:
     regions: list[SurfaceResult]
     features: list[FeatureResult]
     region_names: list[str]
+    sections: list[SectionCut]
     owner: Ints
     calibrated: bool
     unseen: list[str]
@@ -87,7 +92,8 @@ def inspect(
         be in ``turntable``
     alignment : known alignment, for example from datum points; None: by ``settings.align``
     :raises GeometryError: the mesh is empty or does not determine a pose
-    :raises ParameterError: a tolerance is for a feature that the nominal does not have
+    :raises ParameterError: a tolerance is for a feature that the nominal does not have, or a
+        section does not cut it
     """
     nominal, notes = oriented(nominal)
     found = segment_surface(nominal.vertices_xyz, nominal.faces)
@@ -107,6 +113,7 @@ def inspect(
         if (comparison.measured & (owner == number)).any()
     ]
     area = float(sum(region.area for region in found))
+    of_face = region_of_faces(found, len(nominal.faces))
     return Inspection(
         vertices_xyz=comparison.vertices_xyz,
         faces=mesh.faces,
@@ -117,9 +124,10 @@ def inspect(
         regions=regions,
         features=measure_features(found, comparison),
         region_names=[region.name for region in found],
+        sections=section_cuts(settings.sections, comparison, nominal, surface, of_face),
         owner=owner,
         calibrated=settings.vertex_u is not None or len(comparison.model.rigid) > 0,
-        notes=notes + placing + _notes(mesh, settings, comparison),
+        notes=notes + placing + _notes(mesh, settings, cell, comparison),
         misplaced=bool(placing) and alignment.method == settings.align,
         unseen=[region.name for k, region in enumerate(found) if not (owner == k).any()],
     )
@@ -187,11 +195,14 @@ def _uncertainty(
     )
 
 
-def _notes(mesh: MeshBody, settings: InspectSettings, comparison: Comparison) -> list[str]:
+def _notes(
+    mesh: MeshBody, settings: InspectSettings, cell: Cell | None, comparison: Comparison
+) -> list[str]:
     """Return what is not known of the uncertainty."""
     if settings.vertex_u is not None:
         return []
-    found = []
+    doubt = '' if cell is None else doubt_text(cell.notes)
+    found = [f'scale: {doubt}; calibrate the cell again'] if doubt else []
     if mesh.sigma is None or not np.isfinite(mesh.sigma).any():
         found.append(
             'mesh: the file states no uncertainty of its vertices (sigma): no verdict; use the '

@@ -8,7 +8,10 @@ from dataclasses import field
 from dataclasses import replace
 
 from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.cell.scale import scale_u
 from ivfmc_ros.inspection.conditions import Conditions
+from ivfmc_ros.inspection.section_plane import MIDDLE_PLANES
+from ivfmc_ros.inspection.section_plane import SectionPlane
 from ivfmc_ros.inspection.tolerances import Tolerances
 from ivfmc_ros.validation import require_in_range
 
@@ -28,6 +31,7 @@ class InspectSettings:
     features : tolerances of single features by name and characteristic, as in ``Tolerances``
     align : one of ``ALIGNMENTS``
     edge : vertices closer to the edge of a region are not judged
+    sections : planes in which mesh and nominal are drawn over each other
     vertex_u : stated standard uncertainty of the vertices, of a mesh that was not measured with a
         known cell; taken as common to neighboring vertices
     """
@@ -37,6 +41,7 @@ class InspectSettings:
     align: str = 'best_fit'
     edge: float = EDGE
     vertex_u: float | None = None
+    sections: tuple[SectionPlane, ...] = MIDDLE_PLANES
     conditions: Conditions = field(default_factory=Conditions)
 
     def __post_init__(self) -> None:
@@ -48,10 +53,10 @@ class InspectSettings:
 
     def with_scale_of(self, cell: Cell | None) -> 'InspectSettings':
         """Return the settings with the scale uncertainty that a cell states, if none is set."""
-        joint = None if cell is None else cell.covariance
-        if self.conditions.scale_u or joint is None or not joint.scale_u:
+        own = None if cell is None else scale_u(cell.notes, cell.covariance)
+        if self.conditions.scale_u or not own:
             return self
-        return replace(self, conditions=replace(self.conditions, scale_u=joint.scale_u))
+        return replace(self, conditions=replace(self.conditions, scale_u=own))
 
     @property
     def tolerances(self) -> Tolerances:

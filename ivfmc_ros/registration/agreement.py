@@ -31,6 +31,11 @@ def stated_rms(cell: Cell | None) -> float:
     return math.hypot(*(value for value in known if math.isfinite(value)))
 
 
+def max_difference(calibration_rms: float) -> float:
+    """Return by how much two measurements of a surface may differ, meters."""
+    return max(_TOLERANCE, _CALIBRATION_SIGMAS * calibration_rms)
+
+
 def find_disagreement(sections: Sections, calibration_rms: float) -> str:
     """
     Return that the sides that two lasers measured do not fit; '' if they do.
@@ -39,7 +44,7 @@ def find_disagreement(sections: Sections, calibration_rms: float) -> str:
 
     calibration_rms : meters, as the cell states it
     """
-    tolerance = max(_TOLERANCE, _CALIBRATION_SIGMAS * calibration_rms)
+    tolerance = max_difference(calibration_rms)
     now = compare_at(sections, np.zeros(1), tolerance, lasers=True)
     sides = np.abs(sections.surfels.normals[:, 2]) < _MAX_SIDE_COSINE
     met = sides & (now.other[:, 0] >= 0)

@@ -94,7 +94,7 @@ def find_closures(sections: Sections) -> list[Closure]:
         for late in views:
             if sections.lasers[early] != sections.lasers[late]:
                 continue
-            pairs = list(_repeated(sections, early, late))
+            pairs = list(repeated_sections(sections, early, late))
             step = max(sections.steps[early], sections.steps[late])
             closure = _fit(pairs, sections.spacing, step) if pairs else None
             if closure is not None:
@@ -102,7 +102,9 @@ def find_closures(sections: Sections) -> list[Closure]:
     return found
 
 
-def _repeated(sections: Sections, early: int, late: int) -> Iterator[tuple[Section, Section]]:
+def repeated_sections(
+    sections: Sections, early: int, late: int
+) -> Iterator[tuple[Section, Section]]:
     """Yield the sections of one view that a later one measured again."""
     for first in sections.items:
         for second in sections.items:

@@ -26,6 +26,8 @@ from ivfmc_ros.registration.agreement import find_disagreement
 from ivfmc_ros.registration.agreement import stated_rms
 from ivfmc_ros.registration.closure import Closure
 from ivfmc_ros.registration.closure import find_closures
+from ivfmc_ros.registration.drift import find_drifts
+from ivfmc_ros.registration.drift import with_drifts
 from ivfmc_ros.registration.sections import compare_at
 from ivfmc_ros.registration.sections import profile_step
 from ivfmc_ros.registration.sections import RotationFit
@@ -94,7 +96,7 @@ def check_registration(
 
     cell : views may disagree by what its calibration states; None for an exact one
     """
-    found = check_table(views, poses, cell)
+    found = _with_drift(check_table(views, poses, cell), views, cell)
     failed = [verdict for verdict in verdicts if verdict.failed]
     if found.code in ('SLIPPED', 'NOT_CONVERGED') or not failed:
         return found
@@ -105,6 +107,14 @@ def check_registration(
         detail=f'the registration found no poses at which the views agree ({kept}); check that '
         'the part stands firmly and the calibration is valid, then scan again',
     )
+
+
+def _with_drift(found: TableCheck, views: Sequence[View], cell: Cell | None) -> TableCheck:
+    """Return the check with the light sheets that moved, seen at the table's own poses."""
+    if cell is None or any(profile_step(view) > _MAX_STEP for view in views):
+        return found
+    sections = split_sections(views, Poses.identity(len(views)))
+    return found if sections is None else with_drifts(found, find_drifts(sections, cell), cell)
 
 
 def check_table(views: Sequence[View], poses: Poses, cell: Cell | None = None) -> TableCheck:

@@ -27,6 +27,7 @@ class TableCheck:
     within_view : it slipped while this view was taken, not before it
     compared : share of the surfels that were measured at several times
     round : the part is a solid of revolution about the axis, whose shape a slip does not change
+    drift : which light sheets moved while the scan was taken, and by how much; '' for none
     triggers : what triggered pictures lack and which were left out, '' for nothing
     """
 
@@ -40,6 +41,7 @@ class TableCheck:
     compared: float = 0.0
     round: bool = False
     triggers: str = ''
+    drift: str = ''
 
 
 def with_triggers(found: TableCheck, motions: Sequence[SweepMotion]) -> TableCheck:

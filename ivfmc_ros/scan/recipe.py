@@ -20,6 +20,9 @@ from ivfmc_ros.errors import CellError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import RecipeError
 from ivfmc_ros.inspection.conditions import Conditions
+from ivfmc_ros.inspection.section_plane import MIDDLE_PLANES
+from ivfmc_ros.inspection.section_plane import parse_sections
+from ivfmc_ros.inspection.section_plane import SectionPlane
 from ivfmc_ros.inspection.settings import ALIGNMENTS
 from ivfmc_ros.inspection.settings import InspectSettings
 from ivfmc_ros.inspection.tolerances import feature_tolerances
@@ -169,7 +172,7 @@ def _typed(given: YamlMapping, key: str, default: Any) -> Any:
 
 def _inspection(path: Path, given: YamlMapping) -> InspectionPlan:
     given.require_known_keys(
-        'nominal', 'unit', 'tolerance', 'features', 'align', 'datums', *_CONDITIONS
+        'nominal', 'unit', 'tolerance', 'features', 'align', 'datums', 'sections', *_CONDITIONS
     )
     unit = str(given.values.get('unit', 'mm'))
     align = str(given.values.get('align', 'best_fit'))
@@ -188,6 +191,7 @@ def _inspection(path: Path, given: YamlMapping) -> InspectionPlan:
             tolerance=_MM * given.number('tolerance'),
             features=feature_tolerances(given.values.get('features')),
             align=align,
+            sections=_sections(given),
             conditions=Conditions(
                 **{key: given.number(key) for key in _CONDITIONS if given.has(key)}
             ),
@@ -196,6 +200,16 @@ def _inspection(path: Path, given: YamlMapping) -> InspectionPlan:
         raise RecipeError(f'{given.where}: {error}') from None
     nominal = _nominal(path, given)
     return InspectionPlan(nominal=nominal, unit=unit, settings=settings, datums=tuple(datums))
+
+
+def _sections(given: YamlMapping) -> tuple[SectionPlane, ...]:
+    """Return the planes of section cuts; an empty list stands for none."""
+    if not given.has('sections'):
+        return MIDDLE_PLANES
+    texts = given.values['sections']
+    if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
+        raise given.error('sections', 'must be a list of planes such as z=12.5')
+    return parse_sections(texts)
 
 
 def _nominal(path: Path, given: YamlMapping) -> Path:

@@ -25,7 +25,7 @@ def judge_table(outcome: Markable) -> None:
     Mark a scan whose views disagree with its code, and one that could not be checked.
 
     What the lasers advise (calibrate again, take more profiles), and which triggered pictures are
-    missing or were left out, is said beside OK.
+    missing or were left out, is said beside OK, as is a light sheet that moved in the scan.
     """
     table = outcome.registration.get('table') or {}
     code, detail = table.get('code', ''), table.get('detail', '')
@@ -33,6 +33,8 @@ def judge_table(outcome: Markable) -> None:
         outcome.mark(code, detail)
     elif code == _UNCHECKED:
         outcome.mark('OK', f'{_UNCHECKED}: {detail}')
+    if table.get('drift') and table['drift'] != detail:
+        outcome.mark('OK', f'drift: {table["drift"]}')
     if table.get('triggers'):
         outcome.mark('OK', f'triggers: {table["triggers"]}')
     lasers = outcome.registration.get('lasers') or {}

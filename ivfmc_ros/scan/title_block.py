@@ -14,6 +14,8 @@ from ivfmc_ros.cell.calibration_id import calibration_id
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.cell_file import CellDraft
 from ivfmc_ros.cell.cell_file import load_draft
+from ivfmc_ros.cell.scale import doubt_text
+from ivfmc_ros.cell.scale import scale_u
 from ivfmc_ros.errors import ScanError
 from ivfmc_ros.scan.scan_folder import load_job
 from ivfmc_ros.scan.scan_folder import PARAMETER_FILE
@@ -125,9 +127,9 @@ def _scale(cell: CellDraft | Cell) -> str:
         # of the steps of a calibration, that of the table decides
         named = board.get('turntable_scale') or board.get('scale')
         board = named or ', '.join(f'{key} {value}' for key, value in board.items())
-    scale_u = None if cell.covariance is None else cell.covariance.scale_u
-    stated = f'relative u = {scale_u:.2g}' if scale_u else ''
-    return ', '.join(filter(None, (str(board), stated)))
+    u = scale_u(cell.notes, cell.covariance)
+    stated = f'relative u = {u:.2g}' if u else ''
+    return ', '.join(filter(None, (str(board), stated, doubt_text(cell.notes))))
 
 
 def _covariance(cell: CellDraft | Cell) -> str:

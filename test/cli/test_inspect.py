@@ -89,6 +89,31 @@ def test_tolerance_that_makes_no_sense_is_named(mesh, text, message):
     assert not output.exists()
 
 
+@pytest.mark.parametrize(
+    ('words', 'names'),
+    [
+        ([], ['x = 0.000 mm', 'y = 0.000 mm', 'z = 25.000 mm']),
+        (['--section', 'z=10', '--section', 'y'], ['z = 10.000 mm', 'y = 0.000 mm']),
+        (['--section', 'none'], []),
+    ],
+)
+def test_sections_are_cut_where_the_user_says(mesh, words, names):
+    result, output = run(mesh, mesh, *words)
+    assert result.exit_code == 0
+    report = json.loads((output / 'report.json').read_text())
+    assert [row['name'] for row in report['sections']] == names
+    page = (output / 'report.html').read_text()
+    assert page.count('<figure class="section">') == len(names)
+    assert all(f'section {name} of the nominal' in page for name in names)
+
+
+def test_section_beside_the_part_is_refused(mesh):
+    result, output = run(mesh, mesh, '--section', 'z=90')
+    assert isinstance(result.exception, ParameterError)
+    assert 'z = 0 and 50 mm' in str(result.exception)
+    assert not output.exists()
+
+
 def test_feature_is_judged_by_its_own_tolerance(mesh):
     path = mesh.with_name('tolerances.yaml')
     path.write_text('{default: 0.2, features: {plane 1: {flatness: 0.05, surface: 0.04}}}')

@@ -94,6 +94,20 @@ def test_perfect_part_passes_and_one_that_is_too_large_fails():
     assert 0 < said['surface'][0]['vertices'] < len(large.vertices_xyz)
 
 
+def test_doubtful_scale_of_the_cell_decides_with_the_verdict_and_is_said():
+    mesh, nominal = scanned(fine_box()), body(BOX)
+    cell = exact_cell()
+    doubted = replace(cell, notes={'board': {'scale_doubt': 0.005}})
+    right, unsure = (
+        inspect(mesh, nominal, InspectSettings(tolerance=0.1e-3).with_scale_of(one), one)
+        for one in (cell, doubted)
+    )
+    assert right.whole.verdict == 'pass'
+    assert unsure.whole.verdict != 'pass'
+    assert any('0.50 mm in 100 mm' in note for note in unsure.notes)
+    assert not any('in 100 mm' in note for note in right.notes)
+
+
 def test_dent_shows_in_its_region_only():
     dented = fine_box()
     vertices = dented.vertices_xyz.copy()

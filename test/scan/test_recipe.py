@@ -10,6 +10,8 @@ from support.house import ROOT
 import yaml
 
 from ivfmc_ros.errors import RecipeError
+from ivfmc_ros.inspection.section_plane import MIDDLE_PLANES
+from ivfmc_ros.inspection.section_plane import SectionPlane
 from ivfmc_ros.scan.recipe import load_recipe
 from ivfmc_ros.scan.recipe import recipe_names
 from ivfmc_ros.scan.recipe import SCAN_KEYS
@@ -27,6 +29,7 @@ WHOLE = {
         'features': {'cylinder 3': {'diameter': 0.05}, 'plane 1': 0.2},
         'align': 'datum',
         'datums': ['plane 1', 'cylinder 2'],
+        'sections': ['z=12.5', 'x'],
         'temperature': 23.5,
     },
 }
@@ -61,12 +64,20 @@ def test_whole_recipe_is_read(root):
     assert plan.settings.tolerance == pytest.approx(1e-4)
     assert plan.settings.features['cylinder 3'] == {'diameter': pytest.approx(5e-5)}
     assert plan.settings.conditions.temperature == 23.5
+    assert plan.settings.sections == (SectionPlane('z', 0.0125), SectionPlane('x'))
     assert recipe_names(root) == ['bracket']
 
 
 def test_empty_recipe_changes_nothing(root):
     found = load(root, {'description': 'as the cell is set'})
     assert (found.part, found.scan, found.inspection) == ('', {}, None)
+
+
+def test_sections_of_a_recipe_are_three_unless_it_says_none(root):
+    without = {k: v for k, v in WHOLE['inspection'].items() if k != 'sections'}
+    found = load(root, {**WHOLE, 'inspection': without})
+    assert found.inspection.settings.sections == MIDDLE_PLANES
+    assert load(root, changed('inspection', sections=[])).inspection.settings.sections == ()
 
 
 @pytest.mark.parametrize(
@@ -94,6 +105,9 @@ def test_empty_recipe_changes_nothing(root):
         (changed('inspection', align='best_fit'), 'datums: belong to align: datum'),
         (changed('inspection', features={'plane 1': {'width': 1}}), "'width' is not one of"),
         (changed('inspection', temperature=900), 'inspection: temperature'),
+        (changed('inspection', sections='z=1'), 'inspection: sections: must be a list'),
+        (changed('inspection', sections=['w=1']), "inspection: section: 'w=1' is not understood"),
+        (changed('inspection', sections=['x', 'x']), "inspection: section: 'x' is given twice"),
         ({**WHOLE, 'scan': [1]}, 'scan: must be a mapping'),
         ('{', 'not YAML'),
         ('text', 'must be a mapping'),

@@ -38,3 +38,14 @@ def test_advice_of_the_lasers_is_said_beside_ok():
 def test_scan_whose_views_agree_says_nothing():
     assert judged(code='OK', detail='the part is round') == ('OK', '')
     assert judged() == ('OK', '')
+
+
+def test_drift_of_a_laser_is_said_beside_the_code():
+    said = 'left by +0.100 mm'
+    assert judged(code='OK', detail='', drift=said) == ('OK', f'drift: {said}')
+    code, detail = judged(code='SLIPPED', detail='by 2 degrees', drift=said)
+    assert code == 'SLIPPED'
+    assert said in detail
+    # the detail of a scan that fails by its drift is not repeated
+    failed = judged(code='NOT_CONVERGED', detail=said, drift=said)
+    assert failed == ('NOT_CONVERGED', said)

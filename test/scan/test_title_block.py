@@ -58,6 +58,11 @@ def test_certificate_of_the_calibration_is_in_the_block(folder):
         ({'kind': 'x', 'scale': 'a', 'turntable_scale': 'the squares of b'}, 'the squares of b'),
         ({'kind': 'chessboard', 'square_m': 0.014}, 'kind chessboard, square_m 0.014'),
         ('a gauge', 'a gauge'),
+        (
+            {'turntable_scale': 'the laser', 'scale_doubt': 0.006},
+            'the laser, relative u = 0.0035, the known lengths of the calibration differ by '
+            '0.60 %: lengths may be 0.60 mm in 100 mm too large',
+        ),
     ],
 )
 def test_scale_is_named_by_the_length_that_gave_it(folder, board, text):

@@ -23,7 +23,10 @@ from ivfmc_ros.calibration.joint.start import free_of
 from ivfmc_ros.calibration.joint.start import observations_of
 from ivfmc_ros.calibration.joint.start import start_of
 from ivfmc_ros.calibration.joint.steps import SeparateSteps
+from ivfmc_ros.calibration.turntable.axis_adjustment import relative_size_u
 from ivfmc_ros.calibration.turntable.calibrate import x_towards_camera
+from ivfmc_ros.calibration.turntable.scale import measured_ratio
+from ivfmc_ros.calibration.turntable.scale import ScaleCheck
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.cell import Turntable
@@ -55,6 +58,8 @@ class JointCalibration:
         board_stripe_m, platter_stripe_m; of the steps before under ``steps_rms``
     worst_point_u : meters, greatest standard uncertainty of a point of the volume, without that
         of the scale
+    scale_check : of the length of the target on the platter by lasers and board, without the
+        prior; None if no stripe on the platter compares them
     unobserved : what the pictures do not determine, one line each
     """
 
@@ -63,6 +68,7 @@ class JointCalibration:
     rms: dict[str, float]
     steps_rms: dict[str, float]
     worst_point_u: float
+    scale_check: ScaleCheck | None
     unobserved: tuple[str, ...]
 
 
@@ -106,6 +112,7 @@ def result_of(
             f'{where}: the joint adjustment does not converge; look at the results of the '
             'separate steps (calibrate camera, laser, turntable) for a set of bad pictures'
         )
+    checked = _scale_check(problem, adjusted, scale_u)
     adjusted = replace(adjusted, state=_with_x_towards_camera(adjusted.state))
     covariance = cell_covariance(adjusted, scale_u)
     return JointCalibration(
@@ -114,8 +121,23 @@ def result_of(
         rms=_rms(problem, adjusted.state, adjusted),
         steps_rms=_rms(problem, start, adjusted),
         worst_point_u=worst_point_sigma(adjusted, covariance, Volume()),
+        scale_check=checked,
         unobserved=_unobserved(weak_directions(adjusted), scale_u),
     )
+
+
+def _scale_check(
+    problem: JointProblem, adjusted: JointAdjustment, scale_u: float | None
+) -> ScaleCheck | None:
+    """Compare the target with the board; the covariance is that of the state before x turns."""
+    axis, part = adjusted.state.axis, adjusted.order.axis
+    u = relative_size_u(axis, adjusted.covariance[part, part])
+    if not u > 0.0 or not problem.observations.platter_stripes:
+        return None
+    target, prior = problem.observations.platter.target, problem.prior.length_std
+    ratio = measured_ratio(target, axis)
+    found = ScaleCheck(ratio=ratio, u=ratio * u).without_prior(prior)
+    return None if found is None else found.with_length_u(scale_u or 0.0)
 
 
 def _require_stripes_fit(problem: JointProblem, start: JointState, where: str) -> None:

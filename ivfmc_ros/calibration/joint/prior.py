@@ -30,6 +30,11 @@ class Prior:
 
     target: Target
 
+    @property
+    def length_std(self) -> float:
+        """Relative standard deviation of the length of the target."""
+        return _MARKER_SCALE_STD if isinstance(self.target, Markers) else _BOARD_SCALE_STD
+
     def residuals(self, state: JointState) -> Floats:
         """Return (k,) prior minus present values, in standard deviations."""
         axis = state.axis

@@ -129,6 +129,11 @@ class AxisState:
         """Return the greatest distance in meters of an observed corner from the axis."""
         return float(np.linalg.norm(self.corners_in_platter(observations)[:, :2], axis=1).max())
 
+    @property
+    def size(self) -> float:
+        """Mean side of the markers in meters (``free_corners``), or scale of the board."""
+        return self.mean_side() if self.free_corners else self.scale
+
     def mean_side(self) -> float:
         """Return the mean side in meters of the markers (``free_corners`` only)."""
         quads = self.layout.reshape(-1, 4, 3)

@@ -12,6 +12,7 @@ function (Huber 1964).
 
 from dataclasses import dataclass
 from dataclasses import replace
+import math
 
 import cv2
 import numpy as np
@@ -67,6 +68,7 @@ class AxisAdjustment:
 
     covariance : (5, 5) of the base: rotation about its x and y in radians, translation in its
         axes in meters
+    size_u : relative standard uncertainty of ``AxisState.size``; 0 if it was fixed
     angle_std : (pictures,) radians
     tilt_covariance : (2, 2) of ``AxisState.tilt``
     residuals : (n, 2) pixel, observed minus projected
@@ -75,6 +77,7 @@ class AxisAdjustment:
 
     axis: AxisState
     covariance: Floats
+    size_u: float
     angle_std: Floats
     tilt_covariance: Floats
     residuals: Floats
@@ -162,6 +165,23 @@ def apply_axis_step(axis: AxisState, common: Floats, angles: Floats) -> AxisStat
         layout=axis.layout + common[_FIRST_GROUP:].reshape(-1, 3),
         angles=axis.angles + angles,
     )
+
+
+def relative_size_u(axis: AxisState, covariance: Floats) -> float:
+    """
+    Return the relative standard uncertainty of ``AxisState.size``.
+
+    covariance : (c, c) of the common parameters at this state; 0 for fixed ones
+    """
+    still, size = np.zeros(len(axis.angles)), len(covariance)
+    gradient = np.zeros(size)
+    for column in range(size):
+        step = np.zeros(size)
+        step[column] = _STEP
+        ahead, behind = (apply_axis_step(axis, sign * step, still).size for sign in (1.0, -1.0))
+        gradient[column] = (ahead - behind) / (2 * _STEP)
+    variance = float(gradient @ covariance @ gradient)
+    return math.sqrt(max(variance, 0.0)) / axis.size
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,14 +296,14 @@ class _LeastSquaresProblem:
         covariance = np.zeros((len(self.columns), len(self.columns)))
         if len(self.columns):
             covariance = _pseudo_inverse(reduced)
-        full = np.zeros((_FIRST_GROUP, _FIRST_GROUP))
-        known = self.columns[self.columns < _FIRST_GROUP]
-        full[np.ix_(known, known)] = covariance[: len(known), : len(known)]
+        full = np.zeros((self.size, self.size))
+        full[np.ix_(self.columns, self.columns)] = covariance
         coupling = equations.ca / aa
         angle_variance = 1 / aa + np.einsum('ca,cd,da->a', coupling, covariance, coupling)
         return AxisAdjustment(
             axis=axis,
             covariance=full[:_BASE, :_BASE],
+            size_u=relative_size_u(axis, full),
             angle_std=np.sqrt(angle_variance),
             tilt_covariance=full[_TILT, _TILT],
             residuals=self.residuals(axis)[0],

@@ -21,6 +21,8 @@ from ivfmc_ros.calibration.turntable.observations import focal_lengths
 from ivfmc_ros.calibration.turntable.observations import PlatterViews
 from ivfmc_ros.calibration.turntable.observations import Target
 from ivfmc_ros.calibration.turntable.platter_stripes import PlatterStripes
+from ivfmc_ros.calibration.turntable.scale import measured_ratio
+from ivfmc_ros.calibration.turntable.scale import ScaleCheck
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.camera import Camera
 from ivfmc_ros.cell.cell import Turntable
@@ -44,7 +46,8 @@ class TurntableCalibration:
     views : detections; ``adjusted.residuals`` are those of the inliers
     inlier_mask : (n,) bool, of ``views.observations``
     scale_source : 'laser' if stripes on the platter gave the scale, else 'markers' or 'board'
-    scale : measured over nominal length of board or markers
+    scale : measured over nominal length of board or markers; 1 where it gives the scale
+    scale_check : of that length by the laser; None without stripes
     platter_rms : meters, of the stripe points about the platter's plane; None without stripes
     wobble, wobble_std : radians between the platter's normal and the axis, and its 1 sigma
     """
@@ -56,6 +59,7 @@ class TurntableCalibration:
     stripes: PlatterStripes | None
     scale_source: str
     scale: float
+    scale_check: ScaleCheck | None
     platter_rms: float | None
     wobble: float
     wobble_std: float
@@ -146,7 +150,8 @@ def calibrate_turntable(
         inlier_mask=kept,
         stripes=stripes,
         scale_source=_scale_source(views.target, stripes),
-        scale=_scale(views.target, axis),
+        scale=measured_ratio(views.target, axis),
+        scale_check=_scale_check(views.target, adjusted) if stripes else None,
         platter_rms=rms,
         wobble=wobble,
         wobble_std=wobble_std,
@@ -228,8 +233,9 @@ def _pose_covariance(adjusted: AxisAdjustment) -> Floats:
     return np.asarray(turn @ own @ turn.T)
 
 
-def _scale(target: Target, axis: AxisState) -> float:
-    return axis.mean_side() / target.side if isinstance(target, Markers) else axis.scale
+def _scale_check(target: Target, adjusted: AxisAdjustment) -> ScaleCheck:
+    ratio = measured_ratio(target, adjusted.axis)
+    return ScaleCheck(ratio=ratio, u=ratio * adjusted.size_u)
 
 
 def _scale_source(target: Target, stripes: PlatterStripes | None) -> str:

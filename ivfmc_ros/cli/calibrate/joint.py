@@ -21,9 +21,11 @@ from ivfmc_ros.calibration.report import board_document
 from ivfmc_ros.calibration.report import camera_report
 from ivfmc_ros.calibration.report import joint_report
 from ivfmc_ros.calibration.report import laser_report
+from ivfmc_ros.calibration.report import scale_notes
 from ivfmc_ros.calibration.report import turntable_report
 from ivfmc_ros.calibration.report import write_report
 from ivfmc_ros.calibration.turntable.observations import Target
+from ivfmc_ros.calibration.turntable.scale import scale_warnings
 from ivfmc_ros.cell.camera_file import save_camera
 from ivfmc_ros.cell.cell_file import CellDraft
 from ivfmc_ros.cell.cell_file import save_draft
@@ -105,16 +107,21 @@ def calibrate_all(
         found = sort_pictures(board, target, pictures, words, progress)
         steps = run_steps(board, target, found.sets, settings, where=place, progress=progress)
     result = calibrate_jointly(steps, thickness=thickness or 0.0, scale_u=scale_u, where=place)
-    written = _write(output, steps, _draft(steps, result, known), result, found.unknown)
+    warnings = _warnings(result, steps)
+    draft = _draft(steps, result, known)
+    written = _write(output, steps, draft, result, found.unknown, warnings)
     options.print_result(
-        'Joint calibration', _rows(result, steps), _warnings(result, steps), written, found.unknown
+        'Joint calibration', _rows(result, steps), warnings, written, found.unknown
     )
     for line in result.unobserved:
         options.print_line(f'not determined by the pictures: {line}')
 
 
 def _warnings(result: JointCalibration, steps: SeparateSteps) -> list[str]:
-    found = [*steps.camera.warnings]
+    target = steps.turntable.views.target
+    source = steps.turntable.scale_source if result.scale_check is None else 'laser'
+    found = scale_warnings(result.scale_check, source, target)
+    found += steps.camera.warnings
     for laser in result.cell.lasers:
         found += [f'{laser.name}: {text}' for text in steps.lasers[laser.name].warnings]
         found += depth_warning(laser, result.cell.turntable)
@@ -127,6 +134,7 @@ def _write(
     draft: CellDraft,
     result: JointCalibration,
     unknown: dict[str, str],
+    warnings: list[str],
 ) -> list[Path]:
     camera_file, cell_file = output / 'camera.yaml', output / 'cell.yaml'
     camera, turntable = (
@@ -144,7 +152,7 @@ def _write(
     draw_turntable(turntable[1], steps.turntable, steps.camera.camera)
     write_report(turntable[2], turntable_report(steps.turntable, []))
     joint = options.output_files(cell_file, 'joint')[2]
-    write_report(joint, joint_report(result, unknown))
+    write_report(joint, joint_report(result, unknown, warnings))
     save_camera(camera_file, result.cell.camera)
     save_draft(cell_file, draft)
     return [*written, joint]
@@ -157,6 +165,7 @@ def _draft(steps: SeparateSteps, result: JointCalibration, known: CellDraft) -> 
         **board_document(board, result.adjusted.state.board_shape),
         'scale': f'the squares of {board}',
         'turntable_scale': f'the squares of {board}',
+        **scale_notes(result.scale_check),
     }
     return CellDraft(
         turntable=known.with_turntable(result.cell.turntable).turntable,
@@ -186,4 +195,8 @@ def _rows(result: JointCalibration, steps: SeparateSteps) -> list[tuple[str, str
         ('pictures', used + f'{len(result.adjusted.residuals.platter)} of the platter'),
         ('worst point of the volume, 1 sigma', options.millimeters(result.worst_point_u)),
         ('scale', f'the squares of {steps.camera.board}'),
+        (
+            'target on the platter, measured / nominal length',
+            str(result.scale_check or 'not measured: no stripe on the bare platter'),
+        ),
     ]

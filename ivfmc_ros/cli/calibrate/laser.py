@@ -16,6 +16,7 @@ from ivfmc_ros.calibration.laser.calibrate import LaserSettings
 from ivfmc_ros.calibration.laser.depth import depth_warning
 from ivfmc_ros.calibration.report import board_document
 from ivfmc_ros.calibration.report import laser_report
+from ivfmc_ros.calibration.report import turntable_notes
 from ivfmc_ros.calibration.report import write_report
 from ivfmc_ros.calibration.turntable.platter_board import platter_stripe_points
 from ivfmc_ros.cell.camera_file import load_camera
@@ -112,6 +113,9 @@ def laser(
     draw_laser(files[1], result)
     write_report(files[2], {**laser_report(result), 'warnings': warnings})
     board_note = {**board_document(board, result.board_shape), 'scale': f'the squares of {board}'}
+    if draft.turntable is not None:
+        # its scale, and a doubt of it, hold until the table is calibrated again
+        board_note |= turntable_notes(draft.notes.get('board'))
     save_draft(cell_file, draft.with_laser(result.laser).with_notes(board=board_note))
     options.print_result(f'Laser {name}', _rows(result), warnings, files, result.dropped)
 

@@ -14,7 +14,9 @@ from ivfmc_ros.calibration.boards.board import Board
 from ivfmc_ros.calibration.boards.markers import Markers
 from ivfmc_ros.calibration.figure import draw_turntable
 from ivfmc_ros.calibration.laser.depth import depth_warning
+from ivfmc_ros.calibration.report import scale_notes
 from ivfmc_ros.calibration.report import SCALE_SOURCES
+from ivfmc_ros.calibration.report import TURNTABLE_NOTES
 from ivfmc_ros.calibration.report import turntable_report
 from ivfmc_ros.calibration.report import write_report
 from ivfmc_ros.calibration.turntable.angles import collect_angles
@@ -27,6 +29,7 @@ from ivfmc_ros.calibration.turntable.calibrate import measure_angles
 from ivfmc_ros.calibration.turntable.calibrate import TurntableCalibration
 from ivfmc_ros.calibration.turntable.observations import detect_targets
 from ivfmc_ros.calibration.turntable.platter_stripes import find_platter_stripes
+from ivfmc_ros.calibration.turntable.scale import scale_warnings
 from ivfmc_ros.cell.camera_file import load_camera
 from ivfmc_ros.cell.cell_file import CellDraft
 from ivfmc_ros.cell.cell_file import load_draft
@@ -105,7 +108,8 @@ def turntable(
     result = calibrate_turntable(
         camera, views, first, stripes, thickness=thickness or 0.0, where=place
     )
-    warnings = [text for known in draft.lasers for text in depth_warning(known, result.turntable)]
+    warnings = scale_warnings(result.scale_check, result.scale_source, target)
+    warnings += [t for known in draft.lasers for t in depth_warning(known, result.turntable)]
     files = options.output_files(cell_file, 'turntable')
     draw_turntable(files[1], result, camera)
     write_report(files[2], turntable_report(result, warnings))
@@ -175,14 +179,16 @@ def _laser(cell_file: Path, draft: CellDraft, name: str | None) -> LaserPlane:
 def _with_scale_note(draft: CellDraft, result: TurntableCalibration) -> CellDraft:
     board = draft.notes.get('board')
     note = dict(board) if isinstance(board, dict) else {}
+    note = {key: value for key, value in note.items() if key not in TURNTABLE_NOTES}
     note['turntable_scale'] = SCALE_SOURCES[result.scale_source].format(target=result.views.target)
-    return draft.with_notes(board=note)
+    return draft.with_notes(board={**note, **scale_notes(result.scale_check)})
 
 
 def _rows(result: TurntableCalibration) -> list[tuple[str, str]]:
     std = np.sqrt(np.diag(result.adjusted.covariance))
     steps = np.degrees(np.diff(list(result.angles.values())))
     sense = 'counter-clockwise' if result.turns_positive else 'clockwise'
+    measured = str(result.scale_check or 'not measured (--stripe-pictures)')
     rows = [
         ('corners, robust sigma', f'{result.adjusted.sigma:.3f} px'),
         ('corners rms', options.millimeters(result.turntable.residual_rms)),
@@ -192,7 +198,7 @@ def _rows(result: TurntableCalibration) -> list[tuple[str, str]]:
         ('platter normal to axis', f'{np.degrees(result.wobble):.3f} degrees'),
         ('turns', f'{sense}, by {np.median(steps):.4f} degrees a picture (median)'),
         ('scale', SCALE_SOURCES[result.scale_source].format(target=result.views.target)),
-        ('measured / nominal length', f'{result.scale:.4f}'),
+        ('measured / nominal length', measured),
     ]
     if result.platter_rms is not None:
         rows.insert(2, ('stripe on the platter, rms', options.millimeters(result.platter_rms)))

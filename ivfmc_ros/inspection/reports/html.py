@@ -27,7 +27,7 @@ from ivfmc_ros.model import Ints
 MOST_TRIANGLES = 150_000
 _NO_VALUE = 255
 # Parts of the figures that a reader wants first; the others are folded.
-_UNFOLDED = ('characteristics', 'surface', 'views', 'completeness')
+_UNFOLDED = ('characteristics', 'surface', 'sections', 'views', 'completeness')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +56,7 @@ class Page:
     heading : what was measured, when and how: the block of texts below the title
     still : picture of the mesh for a printed page, in which nothing turns; None for none
     drawings : HTML of figures that are shown first
+    sections : HTML of figures of section cuts
     tolerance : meters to either side of zero, marked at the colors; None for none
     """
 
@@ -71,6 +72,7 @@ class Page:
     heading: Mapping[str, str] = field(default_factory=dict)
     still: ReportImage | None = None
     drawings: Sequence[str] = ()
+    sections: Sequence[str] = ()
     tolerance: float | None = None
 
     @property
@@ -101,6 +103,7 @@ def write_html(path: Path, page: Page) -> None:
         page.bar.svg(),
         f'<h2>Distribution of {escape(page.quantity)}</h2>',
         histogram(page.values[np.isfinite(page.values)], page.bar),
+        f'<h2>Sections</h2>{_row(page.sections)}' if page.sections else '',
         tables.folded(page.figures, _UNFOLDED),
         _gallery(page.pictures),
         f'<script type="application/json" id="mesh">{_mesh(page)}</script>',

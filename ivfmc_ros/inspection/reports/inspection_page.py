@@ -14,6 +14,7 @@ from ivfmc_ros.inspection.reports.color_scale import ColorBar
 from ivfmc_ros.inspection.reports.drawings import view_figure
 from ivfmc_ros.inspection.reports.feature_views import labeled_views
 from ivfmc_ros.inspection.reports.html import Page
+from ivfmc_ros.inspection.reports.section_drawings import section_figure
 from ivfmc_ros.inspection.settings import InspectSettings
 from ivfmc_ros.inspection.verdict import overall
 
@@ -56,6 +57,7 @@ def inspection_page(
             view_figure(view, found.region_names, verdicts)
             for view in labeled_views(found, bar, verdicts)
         ],
+        sections=[section_figure(cut, settings.tolerance) for cut in found.sections],
     )
 
 

@@ -13,6 +13,7 @@ from ivfmc_ros.inspection.budget import COVERAGE_FACTOR
 from ivfmc_ros.inspection.characteristics import FeatureCharacteristic
 from ivfmc_ros.inspection.feature_measurement import FeatureResult
 from ivfmc_ros.inspection.inspect import Inspection
+from ivfmc_ros.inspection.section_cut import SectionCut
 from ivfmc_ros.inspection.settings import InspectSettings
 from ivfmc_ros.inspection.surface_measurement import SurfaceResult
 from ivfmc_ros.inspection.verdict import NOT_DECIDED
@@ -50,6 +51,7 @@ def document(inspection: Inspection, settings: InspectSettings) -> dict[str, Any
             for item in feature.characteristics
         ],
         'features': [_feature(feature, numbers) for feature in inspection.features],
+        'sections': [_section(cut) for cut in inspection.sections],
         'budget': _budgets(inspection),
     }
 
@@ -113,6 +115,20 @@ def _feature(feature: FeatureResult, numbers: Mapping[str, int]) -> dict[str, An
         'coverage': feature.coverage,
         'verdict': feature.verdict,
         'reason': feature.reason or (NOT_MEASURED if not feature.characteristics else ''),
+    }
+
+
+def _section(cut: SectionCut) -> dict[str, Any]:
+    return {
+        'name': cut.name,
+        'axis': cut.axis,
+        'offset_m': cut.offset,
+        'rms_m': cut.rms,
+        'worst_m': cut.worst,
+        'worst_U_m': cut.worst_u,
+        'U_m': cut.median_u,
+        'judged_length_m': cut.judged_length,
+        'nominal_length_m': cut.nominal_length,
     }
 
 

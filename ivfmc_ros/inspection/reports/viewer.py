@@ -18,6 +18,7 @@ td:first-child, th:first-child { text-align: left; white-space: nowrap }
 svg { display: block; max-width: 100%; height: auto } .bar { margin: 8px 0 }
 .row { display: flex; flex-wrap: wrap; gap: 20px } img { max-width: 100% }
 figure { margin: 0; min-width: 0 } figcaption { color: #5a6675; font-size: 13px }
+.section figcaption { max-width: 430px }
 .banner { font-size: 34px; font-weight: 700; text-align: center; padding: 6px; margin: 12px 0 0;
   border-radius: 4px; background: #e6e8eb }
 .banner.pass { background: #0b5d1e; color: #fff } .banner.fail { background: #8f1010; color: #fff }

@@ -99,6 +99,50 @@ def test_what_pictures_never_determine_is_named(solved):
     assert 'zero of the table angle' in text
 
 
+def printed_larger(seen, true, factor):
+    """Observations of a target that is larger by a factor than it is said to be."""
+    corners, axis = seen.platter.corners, replace(true.axis, scale=factor)
+    uv = corners.uv + true.camera.K[[0, 1], [0, 1]] * (
+        _projected(axis, corners) - _projected(true.axis, corners)
+    )
+    pixels = true.camera.project(
+        np.column_stack([uv / true.camera.K[[0, 1], [0, 1]], np.ones(len(uv))])
+    )
+    platter = replace(seen.platter, corners=replace(corners, uv=uv), pixels=pixels)
+    return replace(seen, platter=platter)
+
+
+def _projected(axis, corners):
+    points = axis.corners_in_camera(corners)
+    return points[:, :2] / points[:, 2:]
+
+
+def test_lengths_that_agree_are_no_doubt(solved):
+    check = solved[2].scale_check
+    assert abs(check.difference) < 3 * check.u
+    assert 1e-5 < check.u < 1e-3
+    assert not check.is_doubtful
+
+
+def test_length_of_the_platter_target_that_contradicts_the_board_is_found(solved):
+    seen, true, right = solved
+    found = result_of(problem_of(printed_larger(seen, true, 1.005)), true).scale_check
+    assert found.is_doubtful
+    # the prior of the adjustment pulls the ratio towards 1, the check does not
+    assert found.difference - right.scale_check.difference == pytest.approx(0.005, rel=0.1)
+
+
+def test_board_of_unknown_length_is_part_of_the_check(solved):
+    seen, true, right = solved
+    found = result_of(problem_of(seen), true, scale_u=1e-3).scale_check
+    assert found.u == pytest.approx(np.hypot(right.scale_check.u, 1e-3), rel=0.05)
+
+
+def test_without_a_stripe_on_the_platter_nothing_checks_the_scale(solved):
+    seen, true, _ = solved
+    assert result_of(problem_of(replace(seen, platter_stripes=())), true).scale_check is None
+
+
 def test_weak_directions_are_named():
     bad = SceneSettings(
         boards=5, striped=2, turned=3, platter_stripes=0, corner_noise=1.0, stripe_noise=2.0

@@ -21,6 +21,8 @@ from ivfmc_ros.calibration.turntable.observations import detect_targets
 from ivfmc_ros.calibration.turntable.observations import focal_lengths
 from ivfmc_ros.calibration.turntable.observations import PlatterViews
 from ivfmc_ros.calibration.turntable.platter_stripes import PlatterStripes
+from ivfmc_ros.calibration.turntable.scale import scale_warnings
+from ivfmc_ros.calibration.turntable.scale import ScaleCheck
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.errors import CalibrationError
 from ivfmc_ros.errors import FileError
@@ -128,6 +130,81 @@ def test_stripe_on_the_platter_gives_the_scale(cell):
     assert result.scale == pytest.approx(0.98, abs=2e-3)
     assert result.scale_source == 'laser'
     assert result.platter_rms < 1e-4
+
+
+def stripe_on_platter(cell, sigma=2e-5, count=200):
+    x = np.linspace(-0.05, 0.05, count)
+    platter = transforms.apply(
+        cell.turntable.camera_from_base, np.stack([x, 0.5 * x, 0 * x], axis=1)
+    )
+    return PlatterStripes(
+        pictures=(Path('0.png'),),
+        picture=np.zeros(count, int),
+        uv=np.zeros((count, 2)),
+        platter_points=PlatterPoints(points_xyz=platter, sigma=np.full(count, sigma)),
+        pixel_sigma=np.array([0.1]),
+    )
+
+
+def test_contradicting_lengths_are_said_with_their_consequence(cell):
+    views = marker_views(cell, ANGLES, side=0.0196)
+    result = calibrated(cell, views, stripe_on_platter(cell))
+    assert result.scale_check.is_doubtful
+    (text,) = scale_warnings(result.scale_check, result.scale_source, MARKERS)
+    error = 100 * abs(result.scale - 1)
+    assert f'{error:.2f} mm in 100 mm' in text
+    assert 'too small' in text
+    assert 'caliper' in text
+
+
+@pytest.mark.parametrize('height', [-1, 1])
+def test_stated_uncertainty_of_the_scale_covers_an_error_of_the_height(cell, height):
+    # all points are off by one sigma of the mean: the error that the laser plane makes
+    sigma, count = 2e-3, 200
+    stripes = stripe_on_platter(cell, sigma, count)
+    up = cell.turntable.camera_from_base[:3, 2]
+    points = stripes.platter_points.points_xyz + height * sigma / np.sqrt(count) * up
+    off = replace(stripes, platter_points=replace(stripes.platter_points, points_xyz=points))
+    views = marker_views(cell, ANGLES)
+    wrong, right = (calibrated(cell, views, s).scale_check for s in (off, stripes))
+    assert abs(wrong.ratio - right.ratio) == pytest.approx(right.u, rel=0.25)
+    assert not wrong.is_doubtful
+
+
+def test_scale_that_nothing_measured_has_no_check(cell):
+    result = calibrated(cell, marker_views(cell, ANGLES))
+    assert result.scale_check is None
+    (text,) = scale_warnings(None, result.scale_source, MARKERS)
+    assert '1 mm in 100 mm' in text
+    assert '--stripe-pictures' in text
+
+
+@pytest.mark.parametrize(
+    ('ratio', 'u', 'words'),
+    [
+        (1.0048, 0.0010, ['0.48 % too large', '0.48 mm in 100 mm']),
+        (0.9952, 0.0010, ['0.48 % too small']),
+        (1.0048, 0.0025, []),
+        (1.0004, 0.0001, []),
+        (1.0006, 0.0001, ['0.06 mm in 100 mm']),
+        (1.0, 0.0040, ['U = 0.0080', '0.8 mm in 100 mm']),
+        (float('nan'), 0.001, ['scale']),
+    ],
+)
+def test_scale_is_doubted_by_its_own_uncertainty_and_a_least_difference(ratio, u, words):
+    found = scale_warnings(ScaleCheck(ratio=ratio, u=u), 'laser', MARKERS)
+    assert len(found) == bool(words)
+    assert all(word in found[0] for word in words)
+
+
+def test_check_without_its_prior_is_that_of_the_pictures():
+    data, prior = ScaleCheck(ratio=1.004, u=3e-4), 5e-4
+    weights = np.array([data.u**-2, prior**-2])
+    mixed = ScaleCheck(ratio=weights @ [data.ratio, 1.0] / weights.sum(), u=weights.sum() ** -0.5)
+    found = mixed.without_prior(prior)
+    assert found.ratio == pytest.approx(data.ratio)
+    assert found.u == pytest.approx(data.u)
+    assert ScaleCheck(ratio=1.0, u=prior).without_prior(prior) is None
 
 
 def test_hidden_markers_and_outliers_are_tolerated(cell):

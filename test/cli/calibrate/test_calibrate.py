@@ -91,6 +91,17 @@ def test_rendered_cell_is_calibrated_from_pictures(run, pictures, tmp_path):
     assert np.linalg.norm(found.turntable.camera_from_base[:3, 3] - true[:3, 3]) < 1e-3
     assert np.degrees(np.arccos(found.lasers[0].normal @ cell.lasers[0].normal)) < 0.3
     assert found.notes['board']['square_m'] == pytest.approx(0.017)
+    # the doubt of the table's scale is not lost when the laser is calibrated again
+    noted = load_draft(tmp_path / 'cell.yaml')
+    save_draft(
+        tmp_path / 'cell.yaml',
+        noted.with_notes(board={**noted.notes['board'], 'scale_doubt': 0.004}),
+    )
+    assert run('laser', pictures / 'laser', *cam, '--board', CHESSBOARD, '--name', 'left')[0] == 0
+    kept = load_draft(tmp_path / 'cell.yaml').notes['board']
+    assert kept['scale_doubt'] == 0.004
+    assert kept['turntable_scale'] == noted.notes['board']['turntable_scale']
+    assert kept['scale'] == f'the squares of {CHESSBOARD}'
     report = json.loads((tmp_path / 'cell.left.report.json').read_text())
     assert report['scale'] == f'the squares of {CHESSBOARD}'
     assert (
@@ -127,6 +138,13 @@ def test_folder_of_all_kinds_is_calibrated_together(run, pictures, tmp_path):
     assert 10 <= counts['board_with_stripe'] <= 12
     assert (counts['platter'], counts['platter_with_stripe']) == (6, 0)
     assert report['std']['fx'] > 0
+    # no stripe on the platter: nothing compares the two boards
+    assert report['length_over_nominal'] is None
+    assert report['warnings'] == [
+        line.removeprefix('warning: ')
+        for line in written.out.splitlines()
+        if line.startswith('warning: ')
+    ]
 
 
 def test_folder_without_a_laser_is_refused(run, pictures):
