@@ -9,6 +9,7 @@ leaves.
 """
 
 from collections.abc import Iterator
+import contextlib
 from contextlib import contextmanager
 import json
 import math
@@ -111,10 +112,12 @@ def _await_page(page: Any, count: int) -> None:
 
 
 def _make_idle() -> None:
-    """Give the browsers what the cell leaves."""
+    """Give the browsers what the cell leaves: every thread, of which some have a high priority."""
     for process in psutil.process_iter(['name']):
         if process.info['name'] in ('chromium', 'chrome'):
-            os.sched_setscheduler(process.pid, os.SCHED_IDLE, os.sched_param(0))
+            for thread in process.threads():
+                with contextlib.suppress(ProcessLookupError):
+                    os.sched_setscheduler(thread.id, os.SCHED_IDLE, os.sched_param(0))
 
 
 def _scan(client: Any) -> tuple[int, float]:
