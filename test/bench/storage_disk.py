@@ -85,7 +85,9 @@ def recorder_figures(disk: Path) -> Iterator[Number]:
     left = {time_ns - START: data for _, time_ns, data in messages_of(disk / 's1')}
     missing = set(range(acknowledged + 1)) - left.keys()
     wrong = sum(messages[seq] != data for seq, data in left.items())
-    note = f'of {acknowledged + 1} acknowledged, {added} recorded; "{error}"'
+    # without the folder of this run
+    said = error.replace(f'{disk}/', '')
+    note = f'of {acknowledged + 1} acknowledged, {added} recorded; "{said}"'
     yield Number('disk_full_lost', len(missing), 'profiles', at_most(0), note)
     yield Number('disk_full_wrong', wrong, 'profiles', at_most(0))
     is_said = 'No space left' in error
