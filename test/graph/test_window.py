@@ -188,6 +188,7 @@ def test_scan_by_a_recipe_ends_with_its_verdict_and_deviations(page, client, cel
 @pytest.mark.slow
 def test_scan_goes_on_while_the_page_is_abused(client, cell):
     """10,000 requests of another origin, paths, and a message of 100 MB."""
+    client.until(lambda: 'serving' in client.diagnostic('window'), 180.0, cell.log())
     client.until(lambda: 'publishing' in client.diagnostic('camera'), 60.0, cell.log())
     assert client.set('orchestrator', profiles=100, recipe='').successful
     success, started = client.trigger('start_scan')
