@@ -33,7 +33,7 @@ help:
 	@echo 'make demo    scan the demo part in a simulated cell into build/demo'
 	@echo 'make bench   measure figures into build/bench; NAME=stripe: one group'
 	@echo 'make faults  cause faults in scans and in a cell of real processes, kill scans and'
-	@echo '             resume them; three hours'
+	@echo '             resume them; more than three hours'
 	@echo 'make soak    200 short scans in a row: memory, files and threads that a scan leaves'
 	@echo 'make docs    build the documentation into build/docs'
 	@echo 'make reference, make figures, make pictures'

@@ -113,8 +113,10 @@ CODES = {
     ),
     'NOT_CONVERGED': Code(
         'The registration found no poses at which the views agree; `registration.verdicts` has '
-        'the reason for each view.',
-        'Check that the part stands firmly and that the calibration is valid, then scan again.',
+        'the reason for each view. Or the light sheet of a laser moved while the scan was taken; '
+        '`registration.table.drift` has by how much.',
+        'Check that the part stands firmly and that the calibration is valid, let laser and '
+        'camera warm up, then scan again.',
     ),
     'DEGENERATE': Code(
         'The points do not determine the surface, pose or shape.',

@@ -8,7 +8,6 @@ nodes. Services scan, start_scan, cancel, pause, resume; progress on ``scan_stat
 """
 
 from pathlib import Path
-import shutil
 import sys
 from typing import Any
 
@@ -43,12 +42,10 @@ from ivfmc_ros.scan.disk_space import DiskWatch
 from ivfmc_ros.scan.disk_space import SpaceEstimate
 from ivfmc_ros.scan.plan import make_plan
 from ivfmc_ros.scan.plan import require_steps
-from ivfmc_ros.scan.recipe import Recipe
 from ivfmc_ros.scan.report import PENDING
 from ivfmc_ros.scan.report import pending_reports
 from ivfmc_ros.scan.resume import InterruptedScan
 from ivfmc_ros.scan.state_machine import StateMachine
-from ivfmc_ros.scan.stored_recipe import store_recipe
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 
 # Period of ``scan_status`` during a scan, seconds.
@@ -207,19 +204,9 @@ class Orchestrator(CellNode):
             home=self.get('home'),
             reserve=self._reserve,
             limits=self.scan_parameters.limits(recipe),
-            recipe=self._stored(recipe, folder),
+            recipe=recipe,
         )
         return self._begin(context, draft)
-
-    def _stored(self, recipe: Recipe | None, folder: Path) -> Recipe | None:
-        """Return the copy of a recipe in the folder of a new scan."""
-        if recipe is None:
-            return None
-        try:
-            return store_recipe(recipe, Path(self.get('recipe_root')), folder)
-        except ScanError:
-            shutil.rmtree(folder, ignore_errors=True)
-            raise
 
     @property
     def _reserve(self) -> float:

@@ -36,6 +36,7 @@ from ivfmc_ros.scan.resume import RESUMABLE
 from ivfmc_ros.scan.state_machine import FINAL_STAGES
 from ivfmc_ros.scan.state_machine import Stage
 from ivfmc_ros.scan.state_machine import StateMachine
+from ivfmc_ros.scan.stored_recipe import store_recipe
 from ivfmc_ros.storage.catalogue.calibrations import add_calibration
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.catalogue.catalogue_writer import CatalogueWriter
@@ -108,13 +109,15 @@ class RunningScan:
 
     def save_inputs(self, draft: CellDraft, parameters: Mapping[str, Any]) -> None:
         """
-        Write cell.yaml with the record of its test, the parameters and the catalogue row.
+        Write cell.yaml with the record of its test, the recipe, parameters and catalogue row.
 
         :raises ScanError: one of them cannot be written; the folder is removed again
         """
         try:
             save_draft(self.folder / 'cell.yaml', draft)
             copy_record(self.context.cell, self.folder)
+            if (recipe := self.context.recipe) is not None:
+                store_recipe(recipe, Path(parameters['recipe_root']), self.folder)
             scan_folder.save_parameters(self.folder, parameters)
             self._save()
             catalogue = Catalogue(self.folder.parent, create=True, timeout_s=_CATALOGUE_TIMEOUT_S)

@@ -25,7 +25,7 @@ class ScanContext:
     home : home the table first
     reserve : bytes of the disk that stay free
     limits : what a complete view has at least
-    recipe : the copy of the recipe in ``folder``; None without one
+    recipe : judged by its copy in ``folder``; None without one
     resumed : the interrupted scan that goes on; None for a new one
     """
 
