@@ -190,7 +190,7 @@ class BagPlayer:
 
     def _publish(self, raw: RawMessage) -> None:
         track = self._tracks[raw.topic]
-        data, stamp_ns = raw.data, raw.log_time_ns
+        data, stamp_ns = bytes(raw.data), raw.log_time_ns
         if track.decode is not None:
             message = track.decode(raw)
             stamp_ns = cdr.stamp_ns(message)

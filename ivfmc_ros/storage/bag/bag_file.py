@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+# An encoded message; a memoryview where a copy would cost too much.
+Encoded = bytes | memoryview
+
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
@@ -35,7 +38,7 @@ class RawMessage:
     topic: str
     index: int
     log_time_ns: int
-    data: bytes
+    data: Encoded
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,8 +75,13 @@ class BagFormat(Protocol):
         """
 
     def read_messages(
-        self, file: Path, topics: Collection[str] | None, *, salvage: bool
-    ) -> Iterator[tuple[str, int, bytes]]:
+        self,
+        file: Path,
+        topics: Collection[str] | None,
+        *,
+        salvage: bool,
+        validate_crcs: bool = True,
+    ) -> Iterator[tuple[str, int, Encoded]]:
         """
         Yield topic, log time in nanoseconds and data of the messages of some topics.
 
@@ -81,6 +89,7 @@ class BagFormat(Protocol):
 
         topics : None: all
         salvage : leave out what is damaged
+        validate_crcs : False where the file was read before: its CRCs were checked then
         :raises FileDamage: without ``salvage``, after the last intact message
         :raises BagError: the file cannot be read
         """

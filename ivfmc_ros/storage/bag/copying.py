@@ -155,7 +155,7 @@ class _Copier:
         if number not in self._new_channels:
             self._new_channels[number] = self._add_channel(self.writer, channel)
         # metadata.yaml of the copy names no compression of messages
-        data = plain_message(message.data, channel.topic, self._counts[number] - 1)
+        data = bytes(plain_message(message.data, channel.topic, self._counts[number] - 1))
         self._pending += len(data)
         self.writer.add_message(
             self._new_channels[number],

@@ -17,6 +17,7 @@ from weakref import WeakValueDictionary
 import zstandard
 
 from ivfmc_ros.errors import BagError
+from ivfmc_ros.storage.bag.bag_file import Encoded
 
 # rosbag2's mode 'file' adds the name of the format; the zstd program adds .zst.
 SUFFIXES = ('.zstd', '.zst')
@@ -89,14 +90,14 @@ def content_of(file: Path) -> FileContent:
         raise BagError(f'{file}: cannot be decompressed: {error.strerror or error}') from error
 
 
-def plain_message(data: bytes, topic: str, index: int) -> bytes:
+def plain_message(data: Encoded, topic: str, index: int) -> Encoded:
     """
     Return a message; one that is compressed by itself is decompressed.
 
     data : CDR, or a frame of zstd with CDR in it
     :raises BagError: the frame is damaged
     """
-    if not data.startswith(_FRAME):
+    if data[: len(_FRAME)] != _FRAME:
         return data
     frame = zstandard.ZstdDecompressor().decompressobj()
     try:

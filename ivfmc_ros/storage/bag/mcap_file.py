@@ -6,16 +6,21 @@ from collections import Counter
 from collections.abc import Collection
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
 from mcap.records import Channel
+from mcap.records import Chunk
 from mcap.records import DataEnd
 from mcap.records import Message
 from mcap.records import Schema
 from mcap.stream_reader import StreamReader
 
+from ivfmc_ros.storage.bag.bag_file import Encoded
 from ivfmc_ros.storage.bag.bag_file import FileContents
 from ivfmc_ros.storage.bag.bag_file import FileDamage
 from ivfmc_ros.storage.bag.bag_file import Topic
+from ivfmc_ros.storage.bag.mcap_chunk import chunk_records
+from ivfmc_ros.storage.bag.mcap_chunk import ChunkMessage
 from ivfmc_ros.storage.bag.recovery import IntactPart
 from ivfmc_ros.storage.bag.recovery import known_channels
 from ivfmc_ros.storage.bag.recovery import read_parts
@@ -26,6 +31,8 @@ from ivfmc_ros.storage.bag.summary import read_summary
 MAGIC = b'\x89MCAP0\r\n'
 
 _Channels = dict[int, tuple[Channel, Schema | None]]
+# Channel, log time in nanoseconds, and data.
+_Found = tuple[Channel, int, Encoded]
 
 
 def read_contents(file: Path, *, use_index: bool) -> FileContents:
@@ -37,28 +44,33 @@ def read_contents(file: Path, *, use_index: bool) -> FileContents:
     counts: Counter[int] = Counter()
     fault = ''
     try:
-        for channel, _ in _stream(file, channels):
+        for channel, _, _ in _stream(file, channels):
             counts[channel.id] += 1
     except FileDamage as damage:
         channels = {}
-        counts = Counter(channel.id for channel, _ in _intact(file, channels))
+        counts = Counter(channel.id for channel, _, _ in _intact(file, channels))
         fault = str(damage)
     topics = [_topic(*channels[number], counts[number]) for number in channels]
     return FileContents(topics=topics, fault=fault, remark=remark)
 
 
 def read_messages(
-    file: Path, topics: Collection[str] | None, *, salvage: bool
-) -> Iterator[tuple[str, int, bytes]]:
+    file: Path,
+    topics: Collection[str] | None,
+    *,
+    salvage: bool,
+    validate_crcs: bool = True,
+) -> Iterator[tuple[str, int, Encoded]]:
     """
-    Yield all messages of a file in the order in which they were written; checks every CRC.
+    Yield all messages of a file in the order in which they were written, as ``BagFormat`` says.
 
     Messages of topics that are not in the index are among them.
 
     :raises FileDamage: without ``salvage``, after the last intact message
     """
-    for channel, message in _intact(file) if salvage else _stream(file):
-        yield channel.topic, message.log_time, message.data
+    found = _intact(file) if salvage else _stream(file, {}, validate_crcs=validate_crcs)
+    for channel, log_time_ns, data in found:
+        yield channel.topic, log_time_ns, data
 
 
 def _topics_of_index(file: Path) -> tuple[list[Topic] | None, str]:
@@ -85,38 +97,54 @@ def _topic(channel: Channel, schema: Schema | None, count: int) -> Topic:
     )
 
 
-def _stream(file: Path, channels: _Channels | None = None) -> Iterator[tuple[Channel, Message]]:
+def _stream(file: Path, channels: _Channels, *, validate_crcs: bool = True) -> Iterator[_Found]:
     """
-    Yield the messages of a file from its beginning; checks every CRC.
+    Yield the messages of a file from its beginning.
 
     channels : is filled with the channels and their schemas, by channel id
+    validate_crcs : check those of the chunks and of the data section
     :raises FileDamage: after the last intact message
     """
-    channels = {} if channels is None else channels
     schemas: dict[int, Schema] = {}
     with file.open('rb') as stream:
-        records = StreamReader(stream, validate_crcs=True).records
+        records = _records(stream, validate_crcs=validate_crcs)
         while True:
             try:
                 record = next(records, None)
-                if isinstance(record, Message):
-                    channel, _ = channels[record.channel_id]
+                if isinstance(record, tuple):
+                    channel, _ = channels[record[0]]
             except READ_ERRORS as error:
                 reason = str(error) or type(error).__name__
                 text = 'is cut off' if is_cut_off(file) else f'is damaged ({reason})'
                 raise FileDamage(text) from error
-            if record is None or isinstance(record, DataEnd):
-                # what follows is the index, which may be damaged
+            if record is None:
                 return
             if isinstance(record, Schema):
                 schemas[record.id] = record
             elif isinstance(record, Channel):
                 channels[record.id] = record, schemas.get(record.schema_id)
-            elif isinstance(record, Message):
-                yield channel, record
+            else:
+                yield channel, *record[1:]
 
 
-def _intact(file: Path, channels: _Channels | None = None) -> Iterator[tuple[Channel, Message]]:
+def _records(
+    stream: IO[bytes], *, validate_crcs: bool
+) -> Iterator[Schema | Channel | ChunkMessage]:
+    """Yield the records of the data section, inside and outside of chunks."""
+    reader = StreamReader(stream, emit_chunks=True, validate_crcs=validate_crcs)
+    for record in reader.records:
+        if isinstance(record, Chunk):
+            yield from chunk_records(record, validate_crc=validate_crcs)
+        elif isinstance(record, Message):
+            yield record.channel_id, record.log_time, record.data
+        elif isinstance(record, Schema | Channel):
+            yield record
+        elif isinstance(record, DataEnd):
+            # what follows is the index, which may be damaged
+            return
+
+
+def _intact(file: Path, channels: _Channels | None = None) -> Iterator[_Found]:
     """
     Yield the messages of the intact parts of a damaged file; those of unknown topics are left out.
 
@@ -129,4 +157,4 @@ def _intact(file: Path, channels: _Channels | None = None) -> Iterator[tuple[Cha
     for part in read_parts(file):
         for record in part.records if isinstance(part, IntactPart) else ():
             if isinstance(record, Message) and record.channel_id in found:
-                yield found[record.channel_id], record
+                yield found[record.channel_id], record.log_time, record.data

@@ -17,6 +17,7 @@ from ivfmc_ros.storage.bag import metadata
 from ivfmc_ros.storage.bag import ros1_file
 from ivfmc_ros.storage.bag import sqlite_file
 from ivfmc_ros.storage.bag.bag_file import BagFormat
+from ivfmc_ros.storage.bag.bag_file import Encoded
 from ivfmc_ros.storage.bag.bag_file import FileContents
 from ivfmc_ros.storage.bag.bag_file import FileDamage
 from ivfmc_ros.storage.bag.bag_file import RawMessage
@@ -110,17 +111,21 @@ class Bag:
         except BagError as error:
             raise BagError(f'{self.path}: {raw.topic}, message {raw.index}: {error}') from error
 
-    def messages(self, topics: Collection[str]) -> Iterator[RawMessage]:
+    def messages(
+        self, topics: Collection[str], *, validate_crcs: bool = True
+    ) -> Iterator[RawMessage]:
         """
         Yield the messages of some topics in the order in which they were written.
 
+        validate_crcs : False where all messages of the bag were read before
         :raises BagError: the bag is damaged and was not opened for salvage, or its messages do
             not agree with its index
         """
         seen: Counter[str] = Counter()
         for file in self.files:
             with file.named_errors():
-                for topic, log_time_ns, data in self._records(file.path, topics):
+                found = self._records(file.path, topics, validate_crcs=validate_crcs)
+                for topic, log_time_ns, data in found:
                     index = seen[topic]
                     seen[topic] += 1
                     plain = plain_message(data, f'{file.path}: {topic}', index)
@@ -128,11 +133,16 @@ class Bag:
         if self.damage is None:
             self._require_counts(seen, topics)
 
-    def _records(self, file: Path, topics: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
+    def _records(
+        self, file: Path, topics: Collection[str], *, validate_crcs: bool
+    ) -> Iterator[tuple[str, int, Encoded]]:
         """Yield topic, log time in nanoseconds and data of the messages of one file."""
         salvage = self.damage is not None
         try:
-            for record in format_of(file).read_messages(file, topics, salvage=salvage):
+            found = format_of(file).read_messages(
+                file, topics, salvage=salvage, validate_crcs=validate_crcs
+            )
+            for record in found:
                 if record[0] not in self.topics:
                     raise BagError(
                         f'{file}: is damaged: topic {record[0]} is in the messages, not in the '

@@ -69,7 +69,11 @@ def read_contents(file: Path, *, use_index: bool) -> FileContents:
 
 
 def read_messages(
-    file: Path, topics: Collection[str] | None, *, salvage: bool
+    file: Path,
+    topics: Collection[str] | None,
+    *,
+    salvage: bool,
+    validate_crcs: bool = True,
 ) -> Iterator[tuple[str, int, bytes]]:
     """Yield messages in the order in which they were written, as ``BagFormat`` says."""
     with _opened(file) as database:

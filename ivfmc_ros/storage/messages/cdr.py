@@ -102,7 +102,7 @@ def restamped(message: Any, stamp_ns: int) -> Any:
     return replace(message, header=replace(message.header, stamp=stamp))
 
 
-def leading_stamp_ns(data: bytes) -> int:
+def leading_stamp_ns(data: bytes | memoryview) -> int:
     """
     Return the stamp, nanoseconds, of an encoded message that begins with a header.
 
@@ -120,9 +120,11 @@ def encode(message: Any) -> bytes:
     return bytes(_jazzy().serialize_cdr(message, message.__msgtype__, little_endian=True))
 
 
-def decoder(name: str, encoding: str, text: str) -> Callable[[bytes], Any]:
+def decoder(name: str, encoding: str, text: str) -> Callable[[bytes | memoryview], Any]:
     """
     Return a function that decodes CDR of either byte order by a definition.
+
+    Arrays of a decoded message are views of the bytes.
 
     name : type, such as 'sensor_msgs/msg/Image'
     encoding, text : 'ros2msg' or 'ros2idl', and the definition in that format
@@ -139,9 +141,10 @@ def decoder(name: str, encoding: str, text: str) -> Callable[[bytes], Any]:
     except (TypesysError, *_DECODING_ERRORS) as error:
         raise BagError(f'the definition of {name} cannot be parsed: {error}') from error
 
-    def decode(data: bytes) -> Any:
+    def decode(data: bytes | memoryview) -> Any:
         try:
-            return store.deserialize_cdr(data, name)
+            # rosbags copies bytes, not a view of them
+            return store.deserialize_cdr(memoryview(data), name)
         except _DECODING_ERRORS as error:
             raise BagError(f'{len(data)} bytes are not a {name}: {error}') from error
 

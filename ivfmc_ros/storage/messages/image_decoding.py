@@ -108,5 +108,7 @@ def _array(message: Any, layout: _PixelLayout, where: str) -> NDArray[Any]:
     rows = np.ascontiguousarray(data.reshape(height, step)[:, :row])
     order = '>' if message.is_bigendian else '<'
     values = rows.view(np.dtype(f'{order}u{size}'))
-    native = values.astype(values.dtype.newbyteorder('='), copy=False)
+    # OpenCV takes no pixels between two addresses of 16 bits, where a bag may have them
+    aligned = np.require(values, requirements='A')
+    native = aligned.astype(aligned.dtype.newbyteorder('='), copy=False)
     return native if layout.channels == 1 else native.reshape(height, width, layout.channels)

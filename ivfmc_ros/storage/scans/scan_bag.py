@@ -125,7 +125,9 @@ class ScanBag:
         stamps = iter([match.stamp_ns for match in self.matches])
         following = next(stamps, None)
         waiting: list[tuple[int, int, RawMessage, Any]] = []
-        for raw in self.bag.messages([self.topics.image.name]):
+        name = self.topics.image.name
+        # open_scan has read all messages, and has checked their CRCs
+        for raw in self.bag.messages([name], validate_crcs=False):
             message = decode(raw)
             stamp_ns = raw.log_time_ns if self.received else cdr.stamp_ns(message)
             heapq.heappush(waiting, (stamp_ns, raw.index, raw, message))
