@@ -73,7 +73,9 @@ CODES = {
         'No picture shows the stripe in the working volume.',
         'Check laser, exposure and working volume.',
     ),
-    'NO_PROFILE': Code('No profile came within `profile_patience`.', _NODE),
+    'NO_PROFILE': Code(
+        'No profile came, and nothing towards it within `profile_patience`.', _NODE
+    ),
     'PROFILES_LOST': Code(
         'The registrar did not receive all profiles.',
         '`ivfmc reconstruct SCAN_ID` makes the mesh from the bag.',

@@ -69,6 +69,8 @@ class Course:
     """
     What a scan takes, and how far it is.
 
+    tolerance : of table positions, radians
+    patience : seconds without progress towards a profile after which the scan fails
     home : the table was homed when the scan began
     begun : the sweeps that have begun, as they were executed
     parts : number of the first profile of each part of the scan, 0 first
@@ -79,6 +81,8 @@ class Course:
     plan: Plan
     motion: MotionLimits
     limits: CompletenessLimits
+    tolerance: float
+    patience: float
     home: bool = False
     begun: tuple[Sweep, ...] = ()
     parts: tuple[int, ...] = (0,)
@@ -90,6 +94,8 @@ class Course:
             'plan': [sweep.as_dict() for sweep in self.plan.sweeps],
             'motion': asdict(self.motion),
             'limits': asdict(self.limits),
+            'tolerance': self.tolerance,
+            'patience': self.patience,
             'home': self.home,
             'begun': [sweep.as_dict() for sweep in self.begun],
             'parts': list(self.parts),
@@ -108,6 +114,8 @@ class Course:
                 plan=Plan(sweeps=tuple(map(Sweep.from_dict, values['plan']))),
                 motion=MotionLimits(**values['motion']),
                 limits=CompletenessLimits(**values['limits']),
+                tolerance=float(values['tolerance']),
+                patience=float(values['patience']),
                 home=bool(values['home']),
                 begun=tuple(map(Sweep.from_dict, values['begun'])),
                 parts=tuple(map(int, values['parts'])),

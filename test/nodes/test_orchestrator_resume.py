@@ -43,7 +43,13 @@ def root(tmp_path):
     motion = MotionLimits(velocity=20.0, acceleration=200.0)
     plan = make_plan(request, [laser.name for laser in small_cell().lasers], motion)
     course = Course(
-        plan=plan, motion=motion, limits=CompletenessLimits(), begun=plan.sweeps, zero=ZERO
+        plan=plan,
+        motion=motion,
+        limits=CompletenessLimits(),
+        tolerance=2e-3,
+        patience=20.0,
+        begun=plan.sweeps,
+        zero=ZERO,
     )
     write_profiles(root / SCAN, range(2), per_chunk=1, finish=False)
     save_cell(root / SCAN / 'cell.yaml', small_cell())

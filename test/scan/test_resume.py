@@ -35,6 +35,8 @@ COURSE_NOW = Course(
     plan=PLAN,
     motion=MotionLimits(),
     limits=CompletenessLimits(max_gap=5.0),
+    tolerance=3e-3,
+    patience=45.0,
     begun=PLAN.sweeps[:1],
     parts=(0, 4, 9),
     zero='life-3',
@@ -69,6 +71,8 @@ def folder(tmp_path, cell):
 def test_interrupted_scan_is_loaded_with_the_profiles_of_its_bag(folder, cell):
     found = load_interrupted(folder, cell)
     assert (found.request, found.course.limits.max_gap) == (REQUEST, 5.0)
+    # not those of the node that goes on
+    assert (found.course.tolerance, found.course.patience) == (3e-3, 45.0)
     assert (found.course.plan, found.planned) == (PLAN, PLAN.sweeps[:1])
     assert (found.first_profile, sorted(found.headers)) == (7, list(range(7)))
     # a part that lost its profiles by a power cut is none

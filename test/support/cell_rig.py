@@ -20,11 +20,13 @@ class Cell:
     environment : further variables; PYTHONPATH is added to the one of the nodes
     """
 
+    MODULE = 'ivfmc_ros.cli.main'
+
     def __init__(self, folder, *arguments, **environment):
         self.folder = folder
         self.scans = folder / 'scans'
         self.up = subprocess.Popen(
-            [sys.executable, '-m', 'ivfmc_ros.cli.main', 'up', '--folder', folder, *arguments],
+            [sys.executable, '-m', self.MODULE, 'up', '--folder', folder, *arguments],
             env=_with(node_environment(), environment),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,

@@ -19,6 +19,7 @@ from ivfmc_ros.nodes.scanning.camera_control import CameraControl
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
 from ivfmc_ros.nodes.scanning.cell_ready import wait_for_cell
 from ivfmc_ros.nodes.scanning.mesh_verdict import judge_mesh
+from ivfmc_ros.nodes.scanning.profile_wait import ProfileWait
 from ivfmc_ros.nodes.scanning.recording_control import RecordingControl
 from ivfmc_ros.nodes.scanning.scan_checks import ScanChecks
 from ivfmc_ros.nodes.scanning.scan_context import ScanContext
@@ -46,8 +47,6 @@ _FLUSH_S = 60.0
 _LOAD_S = 120.0
 _ABORT_S = 5.0
 _ABORT_RECORDER_S = 10.0
-# Profiles from which the profile rate is measured.
-_RATE_PROFILES = 6
 # Fraction of the planned profile rate below which the operator is warned.
 _LOW_RATE = 0.9
 
@@ -103,6 +102,7 @@ class GraphTools:
             node, link, services, self._guard, resumed=resumed is not None
         )
         self._beam = BeamControl(node, link, self._until, context.patience, context.scan_id)
+        self._profiles = ProfileWait(link, self._until, context.patience)
         triggered = any(sweep.trigger_step for sweep in context.plan.sweeps)
         self._camera = CameraControl(node, services, self._until, self._guard, triggered=triggered)
         self._standstill_ns = 0
@@ -222,33 +222,11 @@ class GraphTools:
 
     async def wait_for_profile(self, view: int) -> None:
         """Return when a profile of ``view`` at the present position has been received."""
-        standstill_ns = self._standstill_ns
-
-        def received() -> bool:
-            return any(
-                header.view == view and header.stamp_ns >= standstill_ns
-                for header in self._link.latest_profiles()
-            )
-
-        what = f'a profile of view {view}'
-        await self._until(received, self.context.patience, what, 'NO_PROFILE')
+        await self._profiles.profile_since(view, self._standstill_ns)
 
     async def measure_profile_rate(self, sweep: Sweep) -> float:
         """Return the rate of profiles, 1/s, with the present laser at standstill."""
-        view = max(sweep.views)
-
-        def stamps() -> list[int]:
-            heads = self._link.latest_profiles()
-            return sorted(h.stamp_ns for h in heads if h.view == view)[-_RATE_PROFILES:]
-
-        await self._until(
-            lambda: len(stamps()) == _RATE_PROFILES,
-            self.context.patience,
-            f'the first profiles of view {view}',
-            'NO_PROFILE',
-        )
-        first, *_, last = stamps()
-        rate = (_RATE_PROFILES - 1) / max((last - first) * 1e-9, 1e-3)
+        rate = await self._profiles.rate(max(sweep.views))
         if rate < _LOW_RATE * self.context.motion.profile_rate:
             self._node.get_logger().warning(
                 f'measured {rate:.1f} profiles/s, planned {self.context.motion.profile_rate:.1f}; '

@@ -90,7 +90,12 @@ class RunningScan:
         context = self.context
         self._progress = ScanProgress(context.plan, context.motion, time.monotonic)
         self._course = Course(
-            plan=context.plan, motion=context.motion, limits=context.limits, home=context.home
+            plan=context.plan,
+            motion=context.motion,
+            limits=context.limits,
+            tolerance=context.tolerance,
+            patience=context.patience,
+            home=context.home,
         )
         if context.resumed is not None:
             self._course = context.resumed.course

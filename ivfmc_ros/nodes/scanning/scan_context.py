@@ -21,7 +21,7 @@ class ScanContext:
     cell : path of cell.yaml
     cell_name : namespace of its nodes
     tolerance : of table positions, radians
-    patience : time-out of one profile, seconds
+    patience : seconds without progress towards a profile after which the scan fails
     home : home the table first
     reserve : bytes of the disk that stay free
     limits : what a complete view has at least

@@ -244,7 +244,7 @@ def _declare_cell(node: CellNode) -> None:
     node.parameter(
         'profile_patience',
         20.0,
-        'Seconds without an expected profile after which the scan fails.',
+        'Seconds without progress towards an expected profile after which the scan fails.',
         low=1.0,
         high=600.0,
     )

@@ -1,0 +1,71 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Waits for profiles of the triangulator, as long as there is progress.
+
+The first profiles of a scan are published when there are enough images to resolve the automatic
+settings, which a slow camera takes long for; profiles of a busy computer are late, but come.
+"""
+
+from ivfmc_ros.nodes.framework.futures import Condition
+from ivfmc_ros.nodes.scanning.beam_control import Until
+from ivfmc_ros.nodes.scanning.cell_link import CellLink
+from ivfmc_ros.stripe.stream import TUNING_IMAGES
+
+# Profiles from which their rate is measured.
+_RATE_PROFILES = 6
+
+
+class ProfileWait:
+    """The part of ``scan.job.Tools`` that concerns profiles."""
+
+    def __init__(self, link: CellLink, until: Until, patience_s: float) -> None:
+        """``patience_s`` : seconds without progress after which a wait fails."""
+        self._link, self._until, self._patience_s = link, until, patience_s
+
+    async def profile_since(self, view: int, stamp_ns: int) -> None:
+        """
+        Return when a profile of ``view`` with this stamp or a later one has been received.
+
+        :raises HelperError: NO_PROFILE
+        """
+
+        def received() -> bool:
+            heads = self._link.latest_profiles()
+            return any(head.view == view and head.stamp_ns >= stamp_ns for head in heads)
+
+        await self._until_ready(received, view, f'a profile of view {view}')
+
+    async def rate(self, view: int) -> float:
+        """
+        Return the rate of the profiles of ``view``, 1/s.
+
+        :raises HelperError: NO_PROFILE
+        """
+
+        def stamps_ns() -> list[int]:
+            heads = self._link.latest_profiles()
+            return sorted(head.stamp_ns for head in heads if head.view == view)[-_RATE_PROFILES:]
+
+        what = f'the first profiles of view {view}'
+        await self._until_ready(lambda: len(stamps_ns()) == _RATE_PROFILES, view, what)
+        first, *_, last = stamps_ns()
+        return (_RATE_PROFILES - 1) / max((last - first) * 1e-9, 1e-3)
+
+    async def _until_ready(self, ready: Condition, view: int, what: str) -> None:
+        link = self._link
+        begun = len(link.info_stamps_ns)
+
+        def progress() -> tuple[int, int]:
+            # both come to an end: images come from a camera whose profiles nobody publishes
+            images = min(len(link.info_stamps_ns) - begun, TUNING_IMAGES)
+            return images, sum(head.view == view for head in link.headers.values())
+
+        while not ready():
+            seen = progress()
+            await self._until(
+                lambda seen=seen: ready() or progress() != seen,  # type: ignore[misc]
+                self._patience_s,
+                what,
+                'NO_PROFILE',
+            )

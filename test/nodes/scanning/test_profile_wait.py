@@ -1,0 +1,78 @@
+# Copyright 2026 the ivfmc_ros authors
+# SPDX-License-Identifier: Apache-2.0
+import asyncio
+from types import SimpleNamespace
+
+import pytest
+
+from ivfmc_ros.errors import HelperError
+from ivfmc_ros.nodes.scanning.profile_wait import ProfileWait
+from ivfmc_ros.stripe.stream import TUNING_IMAGES
+
+PATIENCE_S = 20.0
+
+
+class World:
+    """
+    A camera and a triangulator on a clock that only waiting moves.
+
+    period : seconds between images
+    delay : seconds from an image to its profile, once there are enough images; None: no profiles
+    """
+
+    def __init__(self, period, delay=0.0, view=1):
+        self.period, self.delay, self.view = period, delay, view
+        self.now = 0.0
+        self.link = SimpleNamespace(info_stamps_ns=[], headers={})
+        self.link.latest_profiles = lambda: list(self.link.headers.values())
+
+    async def until(self, condition, seconds, what, code):
+        deadline = self.now + seconds
+        while not condition():
+            if self.now > deadline:
+                raise HelperError(code, what)
+            self.now += 0.1
+            self._advance()
+
+    def _advance(self):
+        images = int(self.now / self.period)
+        stamps = [round(1e9 * self.period * (number + 1)) for number in range(images)]
+        self.link.info_stamps_ns[:] = stamps
+        if self.delay is not None and images >= TUNING_IMAGES:
+            done = [stamp for stamp in stamps if 1e-9 * stamp + self.delay <= self.now]
+            self.link.headers = {
+                number: SimpleNamespace(view=self.view, stamp_ns=stamp)
+                for number, stamp in enumerate(done)
+            }
+
+
+def rate(world):
+    return asyncio.run(ProfileWait(world.link, world.until, PATIENCE_S).rate(1))
+
+
+@pytest.mark.parametrize('period', [1.0 / 30.0, 1.0, 4.0])
+def test_rate_of_a_slow_camera_is_measured(period):
+    # the images that resolve the settings take longer than the patience
+    assert rate(World(period)) == pytest.approx(1.0 / period, rel=1e-6)
+
+
+def test_profiles_of_a_busy_computer_are_awaited():
+    world = World(1.0, delay=19.0)
+    waited = ProfileWait(world.link, world.until, PATIENCE_S).profile_since(1, 60_000_000_000)
+    asyncio.run(waited)
+    assert world.now == pytest.approx(79.0, abs=0.2)
+
+
+@pytest.mark.parametrize('wrong', [{'delay': None}, {'view': 2}])
+def test_images_without_profiles_of_the_view_are_no_progress_for_ever(wrong):
+    world = World(1.0, **wrong)
+    with pytest.raises(HelperError, match='first profiles of view 1'):
+        rate(world)
+    assert world.now == pytest.approx(TUNING_IMAGES + PATIENCE_S, abs=1.0)
+
+
+def test_a_camera_that_sends_nothing_is_awaited_once():
+    world = World(1e6)
+    with pytest.raises(HelperError):
+        rate(world)
+    assert world.now == pytest.approx(PATIENCE_S, abs=0.2)
