@@ -294,12 +294,12 @@ def _beside(
 ) -> tuple[Floats, Floats]:
     """Return the mean gray values (0 to 255) left and right of a stripe, (n,) each."""
     away = np.maximum(width, 1.0)[:, None] * sigmas
-    last = crop.gray.shape[1] - 1
-    left, right = (
-        crop.gray[rows[:, None], np.clip(np.rint(u[:, None] + sign * away), 0, last).astype(int)]
-        for sign in (-1, 1)
-    )
-    return crop.scale * left.mean(axis=1), crop.scale * right.mean(axis=1)
+    columns = np.rint(u[:, None] + np.concatenate([-away, away], axis=1))
+    columns = np.minimum(np.maximum(columns, 0.0), crop.gray.shape[1] - 1.0)
+    values = crop.gray[rows[:, None], columns.astype(np.int64)].astype(np.float64)
+    # a product is faster than sums over so few values
+    left, right = (values @ np.kron(np.eye(2), np.ones((len(sigmas), 1)))).T / len(sigmas)
+    return crop.scale * left, crop.scale * right
 
 
 def _without_pedestal(patches: Patches, left: Floats, right: Floats) -> Patches:

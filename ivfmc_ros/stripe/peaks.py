@@ -14,7 +14,6 @@ from typing import cast
 
 import cv2
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from ivfmc_ros.model import Bools
@@ -23,6 +22,7 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Image
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
+from ivfmc_ros.stripe.row_windows import row_windows
 
 # Peaks per row at rank: the stripe, and two reflections or stripes of another surface.
 CANDIDATES = 3
@@ -182,7 +182,7 @@ def _blank(smooth: Image, peaks: Peaks) -> None:
     typical_width = float(np.partition(widths, rank)[rank]) if len(widths) else 1.0
     width = smooth.shape[1]
     half_width = min(int(np.ceil(_BLANKED_SIGMAS * typical_width)) + 2, (width - 1) // 2)
-    windows = sliding_window_view(smooth, 2 * half_width + 1, axis=1, writeable=True)
+    windows = row_windows(smooth, 2 * half_width + 1, writeable=True)
     first = np.minimum(np.maximum(peaks.column - half_width, 0), width - 1 - 2 * half_width)
     windows[np.arange(len(smooth)), first] = 0
 

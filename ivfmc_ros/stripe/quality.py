@@ -12,12 +12,12 @@ therefore skew and width are averaged along the stripe, over which speckle is in
 from typing import TypeVar
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
 from ivfmc_ros.stripe.estimators.patches import PeakEstimate
+from ivfmc_ros.stripe.row_windows import row_windows
 
 Widths = TypeVar('Widths', Floats, Singles)
 
@@ -96,9 +96,7 @@ def median_width(width: Widths) -> Widths:
     half = min(_MEDIAN_ROWS // _MEDIAN_STEP, (len(sampled) - 1) // 2)
     # for a few hundred values three times as fast as scipy.ndimage.median_filter
     ends = np.repeat(sampled[[0, -1]], half)
-    windows = sliding_window_view(
-        np.concatenate([ends[:half], sampled, ends[half:]]), 2 * half + 1
-    )
+    windows = row_windows(np.concatenate([ends[:half], sampled, ends[half:]]), 2 * half + 1)
     medians = np.partition(windows, half, axis=1)[:, half]
     return np.asarray(np.repeat(medians, _MEDIAN_STEP)[: len(width)])
 

@@ -8,7 +8,6 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
@@ -17,6 +16,7 @@ from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Singles
 from ivfmc_ros.stripe.noise import SensorNoise
 from ivfmc_ros.stripe.peaks import Peaks
+from ivfmc_ros.stripe.row_windows import row_windows
 
 # Gray value (0 to 255) from which a pixel counts as saturated.
 CLIPPING_LEVEL = 254.5
@@ -75,7 +75,7 @@ class Patches:
         inside = inside and bool(column.max(initial=half_width) + half_width < width)
         if inside:
             columns = None
-            pixels = sliding_window_view(gray, len(steps), axis=1)[rows, column - half_width]
+            pixels = row_windows(gray, len(steps))[rows, column - half_width]
         else:
             columns = column[:, None] + steps
             pixels = gray[rows[:, None], np.minimum(np.maximum(columns, 0), width - 1)]
