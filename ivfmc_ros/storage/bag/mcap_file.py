@@ -6,21 +6,16 @@ from collections import Counter
 from collections.abc import Collection
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO
 
 from mcap.records import Channel
-from mcap.records import Chunk
-from mcap.records import DataEnd
 from mcap.records import Message
 from mcap.records import Schema
-from mcap.stream_reader import StreamReader
 
 from ivfmc_ros.storage.bag.bag_file import Encoded
 from ivfmc_ros.storage.bag.bag_file import FileContents
 from ivfmc_ros.storage.bag.bag_file import FileDamage
 from ivfmc_ros.storage.bag.bag_file import Topic
-from ivfmc_ros.storage.bag.mcap_chunk import chunk_records
-from ivfmc_ros.storage.bag.mcap_chunk import ChunkMessage
+from ivfmc_ros.storage.bag.mcap_records import file_records
 from ivfmc_ros.storage.bag.recovery import IntactPart
 from ivfmc_ros.storage.bag.recovery import known_channels
 from ivfmc_ros.storage.bag.recovery import read_parts
@@ -106,42 +101,24 @@ def _stream(file: Path, channels: _Channels, *, validate_crcs: bool = True) -> I
     :raises FileDamage: after the last intact message
     """
     schemas: dict[int, Schema] = {}
-    with file.open('rb') as stream:
-        records = _records(stream, validate_crcs=validate_crcs)
-        while True:
-            try:
-                record = next(records, None)
-                if isinstance(record, tuple):
-                    channel, _ = channels[record[0]]
-            except READ_ERRORS as error:
-                reason = str(error) or type(error).__name__
-                text = 'is cut off' if is_cut_off(file) else f'is damaged ({reason})'
-                raise FileDamage(text) from error
-            if record is None:
-                return
-            if isinstance(record, Schema):
-                schemas[record.id] = record
-            elif isinstance(record, Channel):
-                channels[record.id] = record, schemas.get(record.schema_id)
-            else:
-                yield channel, *record[1:]
-
-
-def _records(
-    stream: IO[bytes], *, validate_crcs: bool
-) -> Iterator[Schema | Channel | ChunkMessage]:
-    """Yield the records of the data section, inside and outside of chunks."""
-    reader = StreamReader(stream, emit_chunks=True, validate_crcs=validate_crcs)
-    for record in reader.records:
-        if isinstance(record, Chunk):
-            yield from chunk_records(record, validate_crc=validate_crcs)
-        elif isinstance(record, Message):
-            yield record.channel_id, record.log_time, record.data
-        elif isinstance(record, Schema | Channel):
-            yield record
-        elif isinstance(record, DataEnd):
-            # what follows is the index, which may be damaged
+    records = file_records(file, validate_crcs=validate_crcs)
+    while True:
+        try:
+            record = next(records, None)
+            if isinstance(record, tuple):
+                channel, _ = channels[record[0]]
+        except READ_ERRORS as error:
+            reason = str(error) or type(error).__name__
+            text = 'is cut off' if is_cut_off(file) else f'is damaged ({reason})'
+            raise FileDamage(text) from error
+        if record is None:
             return
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            channels[record.id] = record, schemas.get(record.schema_id)
+        else:
+            yield channel, *record[1:]
 
 
 def _intact(file: Path, channels: _Channels | None = None) -> Iterator[_Found]:

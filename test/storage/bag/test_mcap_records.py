@@ -1,17 +1,24 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+import random
 import struct
 import zlib
 
 from mcap.data_stream import RecordBuilder
+from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
 from mcap.records import Channel
 from mcap.records import Chunk
 from mcap.records import Message
 from mcap.records import Schema
 from mcap.stream_reader import breakup_chunk
+from mcap.stream_reader import StreamReader
 import pytest
 
-from ivfmc_ros.storage.bag.mcap_chunk import chunk_records
+from ivfmc_ros.storage.bag.mcap_records import chunk_records
+from ivfmc_ros.storage.bag.mcap_records import file_records
+from ivfmc_ros.storage.bag.mcap_writer import McapWriter
+from ivfmc_ros.storage.bag.summary import READ_ERRORS
 
 _MESSAGE_RECORD = 5
 _SCHEMA = Schema(id=1, name='std_msgs/msg/String', encoding='ros2msg', data=b'string data')
@@ -67,7 +74,7 @@ def test_only_a_message_that_fills_its_chunk_is_a_view_of_it():
 
 def test_refuses_a_wrong_crc_unless_it_was_validated_before():
     chunk = _chunk(_content([_message(b'abc')]), crc=1)
-    with pytest.raises(ValueError, match='crc'):
+    with pytest.raises(ValueError, match='CRC of a chunk'):
         list(chunk_records(chunk, validate_crc=True))
     assert list(chunk_records(chunk, validate_crc=False)) == [(7, 30, b'abc')]
 
@@ -104,3 +111,57 @@ def test_reads_the_same_as_the_library():
         for record in breakup_chunk(chunk, validate_crc=True)
     ]
     assert list(chunk_records(chunk, validate_crc=True)) == expected
+
+
+@pytest.mark.parametrize('compress', [True, False])
+def test_file_is_read_as_by_the_library(tmp_path, compress):
+    file = _written(tmp_path, compress)
+    with file.open('rb') as stream:
+        expected = [
+            (record.channel_id, record.log_time, record.data)
+            if isinstance(record, Message)
+            else record
+            for record in StreamReader(stream, validate_crcs=True).records
+            if isinstance(record, Message | Schema | Channel)
+        ]
+    found = list(file_records(file, validate_crcs=True))
+    # the index repeats schemas and channels
+    assert found == expected[: len(found)]
+    assert sum(isinstance(record, tuple) for record in found) == 60
+
+
+@pytest.mark.parametrize('compress', [True, False])
+def test_every_flipped_bit_of_the_data_section_is_found(tmp_path, compress):
+    file = _written(tmp_path, compress)
+    good = file.read_bytes()
+    end = good.index(struct.pack('<BQ', Opcode.DATA_END, 4))
+    rng = random.Random(0)
+    for _ in range(200):
+        damaged = bytearray(good)
+        damaged[rng.randrange(end)] ^= 1 << rng.randrange(8)
+        file.write_bytes(damaged)
+        with pytest.raises(READ_ERRORS):
+            list(file_records(file, validate_crcs=True))
+
+
+def test_a_length_beyond_the_end_needs_no_memory(tmp_path):
+    file = _written(tmp_path, False)
+    damaged = bytearray(file.read_bytes())
+    struct.pack_into('<Q', damaged, 9, 1 << 60)
+    file.write_bytes(damaged)
+    with pytest.raises(EndOfFile):
+        list(file_records(file, validate_crcs=True))
+
+
+def _written(folder, compress):
+    file = folder / 'a.mcap'
+    with file.open('wb') as stream:
+        writer = McapWriter(stream, compress=compress)
+        schema = writer.add_schema('std_msgs/msg/String', b'string data')
+        channel = writer.add_channel('/a', 'cdr', schema, {})
+        for number in range(60):
+            writer.add_message(channel, number, bytes([number]) * (number * number), number)
+            if number % 7 == 0:
+                writer.flush()
+        writer.finish()
+    return file
