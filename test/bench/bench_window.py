@@ -3,15 +3,16 @@
 """
 Work window: what browsers cost a scan, and how late a profile is on the screen.
 
-The cell is simulated, and the browsers run on the same two cores and draw by the processor. They
-stand for other computers, so that they run at idle priority: the kernel gives them what the cell
-leaves. What they wait for it is in the time to the screen; the time until a profile arrives in the
-page is a row of its own.
+The cell is simulated; its camera has its pictures before the scan. The browsers run on the same
+two cores and draw by the processor. They stand for other computers, so that they run at idle
+priority: the kernel gives them what the cell leaves, and what they wait for it is in the time to
+the screen.
 """
 
 from collections.abc import Iterator
 import contextlib
 from contextlib import contextmanager
+from functools import partial
 import json
 import math
 import os
@@ -26,18 +27,32 @@ import psutil
 from sensor_msgs.msg import PointCloud2
 from support.browser import browser
 from support.browser import open_page
-from support.cell_rig import Cell
 from support.graph_rig import following_client
+from support.prerendered_camera import PICTURES
+from support.prerendered_camera import PrerenderedCell
+from support.prerendered_camera import write_pictures
+from support.small_cell import small_cell
 from support.small_cell import small_cell_options
 
 from bench import at_most
 from bench import Number
-from ivfmc_ros.nodes.convert.stamps import nanoseconds
+from bench.pool import mapped
+from ivfmc_ros.simulation.parts.solids import demo_part
+from ivfmc_ros.simulation.render.optics import Optics
+from ivfmc_ros.simulation.render.optics import with_sheet_thickness
+from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.messages.point_clouds import to_profile
 
 PORT = 8189
 COUNTS = (1, 5)
-SCAN = {'motion': 'continuous', 'profiles': 120, 'profile_rate': 10.0, 'lasers': ['left', 'right']}
+# Seconds until the workers of the cell have imported their libraries.
+SETTLE_S = 45.0
+SCAN: dict[str, Any] = {
+    'motion': 'continuous',
+    'profiles': 120,
+    'profile_rate': 10.0,
+    'lasers': ['left', 'right'],
+}
 # The page of viser receives in a worker. Notes how many points of profiles have come, when, and
 # when the picture with them is on the screen: the second animation frame after they came.
 HOOK = """
@@ -65,10 +80,19 @@ window.Worker = class extends Original {
 def run() -> Iterator[Number]:
     with tempfile.TemporaryDirectory() as folder, following_client() as client:
         options = small_cell_options(Path(folder))
-        cell = Cell(Path(folder) / 'run', *options, '--window', '--set', f'window.port={PORT}')
+        pictures = Path(folder) / 'pictures'
+        pictures.mkdir()
+        mapped(partial(_write_pictures, pictures), range(len(SCAN['lasers'])))
+        cell = PrerenderedCell(
+            Path(folder) / 'run',
+            *options,
+            *('--window', '--set', f'window.port={PORT}'),
+            **{PICTURES: str(pictures)},
+        )
         try:
             client.until(lambda: client.status, 90.0, 'no cell')
             client.until(lambda: 'serving' in client.diagnostic('window'), 60.0, 'no window')
+            client.spin(SETTLE_S)
             lost, without = _scan(client)
             yield Number('0 browsers: profiles lost', lost, '', at_most(0))
             for count in COUNTS:
@@ -76,6 +100,11 @@ def run() -> Iterator[Number]:
             yield from _with_stuck_browser(client, without)
         finally:
             cell.kill()
+
+
+def _write_pictures(folder: Path, laser: int) -> None:
+    cell = with_sheet_thickness(small_cell(), Optics())
+    write_pictures(folder / f'{laser}.npy', cell, demo_part(), laser, SCAN['profiles'])
 
 
 def _with_browsers(client: Any, count: int, without: float) -> Iterator[Number]:
@@ -90,7 +119,7 @@ def _with_browsers(client: Any, count: int, without: float) -> Iterator[Number]:
         return
     yield from _cost(name, lost, seconds, without)
     if count == 1:
-        note = f'of {len(shown)} profiles, from the start of their exposure'
+        note = f'of {len(shown)} profiles, from their message'
         yield Number('profile to page, median', _median(arrived), 's', None, note)
         yield Number('profile to pixel, median', _median(shown), 's', at_most(0.3), note)
 
@@ -123,7 +152,7 @@ def _browsers(count: int) -> Iterator[list[Any]]:
             page.add_init_script(HOOK)
             open_page(page, f'http://127.0.0.1:{PORT}')
             _await_page(page, count)
-        _make_idle()
+            _make_idle()
         yield pages
 
 
@@ -162,13 +191,8 @@ def _browser_processes() -> list[psutil.Process]:
 
 def _scan(client: Any) -> tuple[int, float]:
     """Return how many profiles were not recorded, and the seconds of scanning."""
-    client.profiles = []
-
-    def note(message: PointCloud2) -> None:
-        points = len(to_profile(message, 'profile'))
-        client.profiles.append((1e-9 * nanoseconds(message.header.stamp), points))
-
-    subscription = client.node.create_subscription(PointCloud2, 'profile', note, 100)
+    received: list[PointCloud2] = []
+    subscription = client.node.create_subscription(PointCloud2, 'profile', received.append, 100)
     assert client.set('orchestrator', **SCAN).successful
     success, answer = client.trigger('start_scan')
     assert success, answer
@@ -182,21 +206,34 @@ def _scan(client: Any) -> tuple[int, float]:
     values = {item.key: item.value for item in client.status[-1].values}
     result = json.loads(values['result'])
     assert result['code'] == 'OK', result
-    lost = len(client.profiles) - result['counts']['profiles'] + result['counts']['dropped']
+    lost = len(received) - result['counts']['profiles'] + result['counts']['dropped']
+    client.folder = Path(result['folder'])
     return abs(lost), float(result['seconds']['scanning'])
 
 
 def _latency(client: Any, page: Any) -> tuple[list[float], list[float]]:
     """
-    Return seconds from the exposure of each profile until all of its points are in the page, and
+    Return seconds from the message of each profile until all of its points are in the page, and
     until the first picture with them.
 
     The page receives the points in the order of the profiles, and none is left out.
     """
     batches = np.array(page.evaluate('window.drawn')).reshape(-1, 3)
-    profiles = np.array([one for one in client.profiles if one[1]]).reshape(-1, 2)
+    profiles = _recorded(client.folder)
     # a profile may come in several batches
     batch = np.searchsorted(np.cumsum(batches[:, 0]), np.cumsum(profiles[:, 1]))
     came = batch < len(batches)
     times = 1e-3 * batches[batch[came], 1:] - profiles[came, :1]
     return times[:, 0].tolist(), times[:, 1].tolist()
+
+
+def _recorded(folder: Path) -> Any:
+    """Return when the recorder received each profile with points, seconds, and their number."""
+    bag = open_bag(folder)
+    [name] = [name for name in bag.topics if name.endswith('/profile')]
+    decode = bag.decoder(name)
+    profiles = [
+        (1e-9 * raw.log_time_ns, len(to_profile(decode(raw), name)))
+        for raw in bag.messages([name])
+    ]
+    return np.array([one for one in profiles if one[1]]).reshape(-1, 2)
