@@ -1,11 +1,13 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
+import contextlib
 import json
 import signal
 import time
 
 from geometry_msgs.msg import PoseArray
 import numpy as np
+import psutil
 import pytest
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo
@@ -214,23 +216,35 @@ def request(client, service):
     return answer
 
 
+def signal_workers(node, number):
+    """Send a signal to the worker processes of a node: a stopped one stays busy."""
+    for child in psutil.Process(node.process.pid).children(recursive=True):
+        with contextlib.suppress(psutil.NoSuchProcess):
+            if 'ivfmc_ros.worker' in child.cmdline():
+                child.send_signal(number)
+
+
 def test_new_scan_ends_the_work_for_the_last_one(
     client, cell_file, camera_file, profiles, tmp_path
 ):
     views = client.collect(PointCloud2, 'view')
     files = {'cell': str(cell_file), 'camera': str(camera_file)}
     root = str(tmp_path.parent)
-    with running('registrar', **files), running('mesher', **files, scan_root=root):
+    with (
+        running('registrar', **files) as registrar,
+        running('mesher', **files, scan_root=root) as mesher,
+    ):
         client.until(lambda: client.node.count_subscribers('view_poses') == 1)
         for scan in ('before', 'now'):
             assert client.set('registrar', scan_id=scan).successful
             publish(client, profiles)
             client.until(lambda: f'profiles: {len(profiles)}' in client.diagnostic('registrar'))
             if scan == 'before':
-                # the worker still imports what it needs
+                signal_workers(registrar, signal.SIGSTOP)
                 registered = request(client, 'registrar/register')
                 client.until(lambda: 'busy: True' in client.diagnostic('registrar'))
         late = registered()
+        signal_workers(registrar, signal.SIGCONT)
         assert late['code'] == 'CANCELLED'
         assert 'scan now was begun' in late['detail']
         assert not views
@@ -241,11 +255,15 @@ def test_new_scan_ends_the_work_for_the_last_one(
         assert client.set('mesher', scan_id='now', poses_stamp=7).successful
         good, refused = client.trigger('mesher/build')
         assert (good, refused['code']) == (False, 'NOT_READY')
+        signal_workers(mesher, signal.SIGSTOP)
         assert client.trigger('registrar/register')[0]
         built = request(client, 'mesher/build')
+        # it begins the mesh before it is asked for it: being busy does not tell that it was
+        client.spin(1.0)
         client.until(lambda: 'busy: True' in client.diagnostic('mesher'))
         assert client.set('mesher', scan_id='next', scan_folder=str(tmp_path)).successful
         assert built()['code'] == 'CANCELLED'
+        signal_workers(mesher, signal.SIGCONT)
         assert not list(tmp_path.iterdir())
         good, refused = client.trigger('mesher/build')
         assert (good, refused['code']) == (False, 'NOT_READY')
