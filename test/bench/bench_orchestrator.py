@@ -35,9 +35,6 @@ from ivfmc_ros.cli.support.cell_run import NODES
 from ivfmc_ros.nodes.convert.stamps import nanoseconds
 from ivfmc_ros.nodes.framework import qos
 from ivfmc_ros.simulation.bench import bench_cell
-from ivfmc_ros.simulation.parts.solids import demo_part
-from ivfmc_ros.simulation.render.optics import Optics
-from ivfmc_ros.simulation.render.optics import with_sheet_thickness
 
 # Seconds until the workers have imported their libraries, and the triangulator rests.
 SETTLE_S = 45.0
@@ -83,7 +80,8 @@ def full_rate() -> Iterator[Number]:
     with tempfile.TemporaryDirectory() as name:
         pictures = Path(name) / 'pictures'
         pictures.mkdir()
-        mapped(partial(_write_pictures, pictures), range(len(bench_cell().lasers)))
+        model = bench_cell()
+        mapped(partial(write_pictures, pictures, model, LARGE), range(len(model.lasers)))
         cell = PrerenderedCell(
             Path(name) / 'run',
             *('--simulate', '--set', f'camera.frame_rate={FRAME_RATE}'),
@@ -104,11 +102,6 @@ def full_rate() -> Iterator[Number]:
         finally:
             client.close()
             cell.end()
-
-
-def _write_pictures(folder: Path, laser: int) -> None:
-    cell = with_sheet_thickness(bench_cell(), Optics())
-    write_pictures(folder / f'{laser}.npy', cell, demo_part(), laser, LARGE)
 
 
 def idle(cell: Cell, client: Client) -> Iterator[Number]:

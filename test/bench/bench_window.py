@@ -37,9 +37,6 @@ from support.small_cell import small_cell_options
 from bench import at_most
 from bench import Number
 from bench.pool import mapped
-from ivfmc_ros.simulation.parts.solids import demo_part
-from ivfmc_ros.simulation.render.optics import Optics
-from ivfmc_ros.simulation.render.optics import with_sheet_thickness
 from ivfmc_ros.storage.bag.reader import open_bag
 from ivfmc_ros.storage.messages.point_clouds import to_profile
 
@@ -88,7 +85,9 @@ def run() -> Iterator[Number]:
         options = small_cell_options(Path(folder))
         pictures = Path(folder) / 'pictures'
         pictures.mkdir()
-        mapped(partial(_write_pictures, pictures), range(len(SCAN['lasers'])))
+        model = small_cell()
+        render = partial(write_pictures, pictures, model, SCAN['profiles'])
+        mapped(render, range(len(model.lasers)))
         cell = PrerenderedCell(
             Path(folder) / 'run',
             *options,
@@ -106,11 +105,6 @@ def run() -> Iterator[Number]:
             yield from _with_stuck_browser(client, without)
         finally:
             cell.kill()
-
-
-def _write_pictures(folder: Path, laser: int) -> None:
-    cell = with_sheet_thickness(small_cell(), Optics())
-    write_pictures(folder / f'{laser}.npy', cell, demo_part(), laser, SCAN['profiles'])
 
 
 def _with_browsers(client: Any, count: int, without: float) -> Iterator[Number]:

@@ -26,7 +26,9 @@ from ivfmc_ros.devices.cameras.device import Exposure
 from ivfmc_ros.nodes import camera as camera_node
 from ivfmc_ros.simulation.live import camera as live_camera
 from ivfmc_ros.simulation.live.truth import TruthReader
-from ivfmc_ros.simulation.parts.loading import Solid
+from ivfmc_ros.simulation.parts.solids import demo_part
+from ivfmc_ros.simulation.render.optics import Optics
+from ivfmc_ros.simulation.render.optics import with_sheet_thickness
 from ivfmc_ros.simulation.render.renderer import simulate_scan
 from support.cell_rig import Cell
 
@@ -44,15 +46,15 @@ class PrerenderedCell(Cell):
     MODULE = 'support.prerendered_camera'
 
 
-def write_pictures(
-    file: Path, cell: cell_model.Cell, solid: Solid, laser: int, steps: int
-) -> None:
-    """Render the pictures of one laser, (steps, height, width) uint8, at equal steps of a turn."""
+def write_pictures(folder: Path, cell: cell_model.Cell, steps: int, laser: int) -> None:
+    """Render the demo part under one laser, (steps, height, width) uint8, at steps of a turn."""
+    cell = with_sheet_thickness(cell, Optics())
     height, width = cell.camera.height, cell.camera.width
     pictures = np.lib.format.open_memmap(
-        file, mode='w+', dtype=np.uint8, shape=(steps, height, width)
+        folder / f'{laser}.npy', mode='w+', dtype=np.uint8, shape=(steps, height, width)
     )
-    for number, frame in enumerate(simulate_scan(cell, solid, steps, lasers=[laser], seed=laser)):
+    frames = simulate_scan(cell, demo_part(), steps, lasers=[laser], seed=laser)
+    for number, frame in enumerate(frames):
         pictures[number] = frame.image
     pictures.flush()
 

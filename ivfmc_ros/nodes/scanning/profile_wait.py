@@ -57,7 +57,7 @@ class ProfileWait:
         begun = len(link.info_stamps_ns)
 
         def progress() -> tuple[int, int]:
-            # both come to an end: images come from a camera whose profiles nobody publishes
+            # both come to an end: the camera sends images also to a triangulator that hangs
             images = min(len(link.info_stamps_ns) - begun, TUNING_IMAGES)
             return images, sum(head.view == view for head in link.headers.values())
 

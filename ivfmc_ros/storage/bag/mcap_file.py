@@ -11,6 +11,7 @@ from mcap.records import Channel
 from mcap.records import Message
 from mcap.records import Schema
 
+from ivfmc_ros.storage.bag import mcap_layout
 from ivfmc_ros.storage.bag.bag_file import Encoded
 from ivfmc_ros.storage.bag.bag_file import FileContents
 from ivfmc_ros.storage.bag.bag_file import FileDamage
@@ -23,7 +24,7 @@ from ivfmc_ros.storage.bag.summary import is_cut_off
 from ivfmc_ros.storage.bag.summary import READ_ERRORS
 from ivfmc_ros.storage.bag.summary import read_summary
 
-MAGIC = b'\x89MCAP0\r\n'
+MAGIC = mcap_layout.MAGIC
 
 _Channels = dict[int, tuple[Channel, Schema | None]]
 # Channel, log time in nanoseconds, and data.

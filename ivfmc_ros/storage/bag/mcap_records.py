@@ -25,13 +25,12 @@ from mcap.stream_reader import get_chunk_data_stream
 
 from ivfmc_ros.storage.bag.bag_file import Encoded
 from ivfmc_ros.storage.bag.crc32 import combined_crc
+from ivfmc_ros.storage.bag.mcap_layout import CHUNK
+from ivfmc_ros.storage.bag.mcap_layout import HEAD
+from ivfmc_ros.storage.bag.mcap_layout import MAGIC
 
-_MAGIC = b'\x89MCAP0\r\n'
-# Opcode and content length of a record.
-_HEAD = struct.Struct('<BQ')
-# Chunk: start and end time, uncompressed size and CRC, length of the name of the compression; then
-# the name and the size of the data.
-_CHUNK, _SIZE = struct.Struct('<QQQII'), struct.Struct('<Q')
+# Size of the data of a chunk.
+_SIZE = struct.Struct('<Q')
 # Message before its data: channel, sequence, log time and publish time.
 _MESSAGE = struct.Struct('<HIQQ')
 _CRC = struct.Struct('<I')
@@ -51,15 +50,15 @@ def file_records(file: Path, *, validate_crcs: bool) -> Iterator[Record]:
     """
     size = file.stat().st_size
     with file.open('rb') as stream:
-        magic = stream.read(len(_MAGIC))
-        if magic != _MAGIC:
+        magic = stream.read(len(MAGIC))
+        if magic != MAGIC:
             raise InvalidMagic(magic)
         crc = zlib.crc32(magic)
         while True:
-            head = stream.read(_HEAD.size)
-            if len(head) < _HEAD.size:
+            head = stream.read(HEAD.size)
+            if len(head) < HEAD.size:
                 raise EndOfFile
-            opcode, length = _HEAD.unpack(head)
+            opcode, length = HEAD.unpack(head)
             # a wrong length must not need the memory for it
             if length > size - stream.tell():
                 raise EndOfFile
@@ -93,14 +92,14 @@ def _continued(crc: int, content: bytes, chunk: Chunk | None, start: int) -> int
 
 def _chunk(content: bytes) -> tuple[Chunk, int]:
     """Return a chunk, with a view of its data, and where they begin."""
-    first, last, size, crc, name_length = _CHUNK.unpack_from(content)
-    name_end = _CHUNK.size + name_length
+    first, last, size, crc, name_length = CHUNK.unpack_from(content)
+    name_end = CHUNK.size + name_length
     (length,) = _SIZE.unpack_from(content, name_end)
     start = name_end + _SIZE.size
     if length > len(content) - start:
         raise ValueError('a chunk is longer than its record')
     chunk = Chunk(
-        compression=str(content[_CHUNK.size : name_end], 'utf-8'),
+        compression=str(content[CHUNK.size : name_end], 'utf-8'),
         data=memoryview(content)[start : start + length],  # type: ignore[arg-type]
         message_start_time=first,
         message_end_time=last,
@@ -125,10 +124,10 @@ def chunk_records(chunk: Chunk, *, validate_crc: bool) -> Iterator[Record]:
             raise ValueError('the CRC of a chunk is wrong')
     position = 0
     while position < len(data):
-        if position + _HEAD.size > len(data):
+        if position + HEAD.size > len(data):
             raise ValueError('a chunk ends inside a record')
-        opcode, length = _HEAD.unpack_from(data, position)
-        start = position + _HEAD.size
+        opcode, length = HEAD.unpack_from(data, position)
+        start = position + HEAD.size
         position = start + length
         if position > len(data):
             raise ValueError('a record is longer than its chunk')

@@ -32,10 +32,10 @@ from mcap.records import Statistics
 from mcap.records import SummaryOffset
 import zstandard
 
+from ivfmc_ros.storage.bag.mcap_layout import MAGIC
 from ivfmc_ros.storage.bag.unfinished_mcap import LIBRARY
 from ivfmc_ros.storage.bag.unfinished_mcap import WrittenPart
 
-_MAGIC = b'\x89MCAP0\r\n'
 # zstd level: a 1.3 MB camera image takes 3 ms; higher levels gain nothing on image noise.
 _ZSTD_LEVEL = 1
 
@@ -77,7 +77,7 @@ class McapWriter:
         self._times: list[int] = []
         self._span: tuple[int, int] = (0, 0)
         if written is None:
-            self._write(_MAGIC)
+            self._write(MAGIC)
             self._write_record(Header(profile='ros2', library=library))
         else:
             self._go_on(written)
@@ -177,7 +177,7 @@ class McapWriter:
         # the CRC covers the summary section and the footer up to the CRC itself
         head = _take_bytes(footer)[:-4]
         crc = zlib.crc32(head, zlib.crc32(data))
-        self._stream.write(data + head + crc.to_bytes(4, 'little') + _MAGIC)
+        self._stream.write(data + head + crc.to_bytes(4, 'little') + MAGIC)
         self._stream.flush()
 
     def _summary(self) -> Sequence[tuple[Opcode, Sequence[Any]]]:

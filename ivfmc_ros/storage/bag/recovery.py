@@ -30,15 +30,13 @@ from mcap.records import Schema
 from mcap.stream_reader import breakup_chunk
 
 from ivfmc_ros.errors import BagError
+from ivfmc_ros.storage.bag.mcap_layout import CHUNK
+from ivfmc_ros.storage.bag.mcap_layout import HEAD
+from ivfmc_ros.storage.bag.mcap_layout import MAGIC
 from ivfmc_ros.storage.bag.summary import is_cut_off
 from ivfmc_ros.storage.bag.summary import READ_ERRORS
 from ivfmc_ros.storage.bag.summary import read_summary
 
-_MAGIC = b'\x89MCAP0\r\n'
-# Opcode and content length of a record, bytes.
-_HEAD = struct.Struct('<BQ')
-# Chunk before its compression: start and end time, uncompressed size and CRC, length of the name.
-_CHUNK = struct.Struct('<QQQII')
 # Index of messages: channel, size of all its entries; size of an entry.
 _INDEX, _INDEX_ENTRY = struct.Struct('<HI'), 16
 _COMPRESSIONS = (b'', b'lz4', b'zstd')
@@ -95,7 +93,7 @@ def read_parts(file: Path) -> Iterator[IntactPart | DamagedPart]:
     """
     try:
         with file.open('rb') as stream:
-            if stream.read(len(_MAGIC)) != _MAGIC:
+            if stream.read(len(MAGIC)) != MAGIC:
                 raise BagError(f'{file}: is not an MCAP file')
             with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
                 yield from _parts(data)
@@ -126,8 +124,8 @@ def known_channels(file: Path) -> tuple[dict[int, Channel], dict[int, Schema]]:
 
 
 def _parts(data: mmap.mmap) -> Iterator[IntactPart | DamagedPart]:
-    position = len(_MAGIC)
-    crc = zlib.crc32(_MAGIC)
+    position = len(MAGIC)
+    crc = zlib.crc32(MAGIC)
     is_whole = True
     while position < len(data):
         if data[position] == Opcode.FOOTER:
@@ -143,7 +141,7 @@ def _parts(data: mmap.mmap) -> Iterator[IntactPart | DamagedPart]:
                 stored = last.data_section_crc
                 if stored and is_whole and stored != crc:
                     yield DamagedPart(
-                        offset=len(_MAGIC), end=position,
+                        offset=len(MAGIC), end=position,
                         reason='the CRC over the data section is wrong',
                     )  # fmt: skip
                 return
@@ -165,7 +163,7 @@ def part_at(data: mmap.mmap, position: int) -> tuple[IntactPart | None, int]:
         # indices, which are rebuilt, and records of other programs
         is_whole = opcode != Opcode.MESSAGE_INDEX or _is_message_index(data, position)
         return (IntactPart(offset=position, records=()) if is_whole else None), end
-    content = data[position + _HEAD.size : end]
+    content = data[position + HEAD.size : end]
     try:
         record = kind.read(*_arguments(kind, content))
         if isinstance(record, Chunk):
@@ -191,36 +189,36 @@ def _arguments(kind: Any, content: bytes) -> tuple[object, ...]:
 
 def _end(data: mmap.mmap, position: int) -> int | None:
     """Return where the record at a position ends; None where there can be no record."""
-    if position + _HEAD.size > len(data):
+    if position + HEAD.size > len(data):
         return None
-    opcode, length = _HEAD.unpack_from(data, position)
-    end = int(position + _HEAD.size + length)
+    opcode, length = HEAD.unpack_from(data, position)
+    end = int(position + HEAD.size + length)
     is_known = Opcode.HEADER <= opcode <= Opcode.DATA_END or opcode >= _PRIVATE
     return end if is_known and end <= len(data) else None
 
 
 def _is_chunk(data: mmap.mmap, position: int) -> bool:
     """Tell whether the lengths in the header of a chunk agree with each other and the file."""
-    start = position + _HEAD.size
-    if start + _CHUNK.size > len(data):
+    start = position + HEAD.size
+    if start + CHUNK.size > len(data):
         return False
-    _, length = _HEAD.unpack_from(data, position)
-    *_, name_length = _CHUNK.unpack_from(data, start)
-    name_end = start + _CHUNK.size + name_length
+    _, length = HEAD.unpack_from(data, position)
+    *_, name_length = CHUNK.unpack_from(data, start)
+    name_end = start + CHUNK.size + name_length
     if name_length > 4 or name_end + 8 > len(data):
         return False
     (size,) = struct.unpack_from('<Q', data, name_end)
-    is_known = data[start + _CHUNK.size : name_end] in _COMPRESSIONS
-    is_inside = position + _HEAD.size + length <= len(data)
-    return is_known and is_inside and bool(length == _CHUNK.size + name_length + 8 + size)
+    is_known = data[start + CHUNK.size : name_end] in _COMPRESSIONS
+    is_inside = position + HEAD.size + length <= len(data)
+    return is_known and is_inside and bool(length == CHUNK.size + name_length + 8 + size)
 
 
 def _is_message_index(data: mmap.mmap, position: int) -> bool:
     """Tell whether the lengths of an index agree: a wrong one would skip the chunks behind it."""
-    _, length = _HEAD.unpack_from(data, position)
+    _, length = HEAD.unpack_from(data, position)
     if length < _INDEX.size:
         return False
-    _, size = _INDEX.unpack_from(data, position + _HEAD.size)
+    _, size = _INDEX.unpack_from(data, position + HEAD.size)
     return bool(length == _INDEX.size + size and size % _INDEX_ENTRY == 0)
 
 

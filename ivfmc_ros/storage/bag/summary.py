@@ -13,7 +13,8 @@ from mcap.reader import make_reader
 from mcap.summary import Summary
 import zstandard
 
-_MAGIC = b'\x89MCAP0\r\n'
+from ivfmc_ros.storage.bag.mcap_layout import MAGIC
+
 # Footer record: opcode, length, start of the summary, start of its offsets, CRC.
 _FOOTER = struct.Struct('<BQQQI')
 _CRC_SIZE = 4
@@ -35,11 +36,11 @@ READ_ERRORS = (
 
 def is_cut_off(file: Path) -> bool:
     """Return whether a file does not end with the magic bytes of MCAP."""
-    if file.stat().st_size < 2 * len(_MAGIC):
+    if file.stat().st_size < 2 * len(MAGIC):
         return True
     with file.open('rb') as stream:
-        stream.seek(-len(_MAGIC), os.SEEK_END)
-        return stream.read() != _MAGIC
+        stream.seek(-len(MAGIC), os.SEEK_END)
+        return stream.read() != MAGIC
 
 
 def read_summary(file: Path) -> tuple[Summary | None, str]:
@@ -69,7 +70,7 @@ def read_summary(file: Path) -> tuple[Summary | None, str]:
 
 def _crcs(stream: IO[bytes]) -> tuple[int, int]:
     """Return the CRC in the footer, 0 where there is none, and that of the summary section."""
-    end = stream.seek(-len(_MAGIC), os.SEEK_END)
+    end = stream.seek(-len(MAGIC), os.SEEK_END)
     stream.seek(end - _FOOTER.size)
     _, _, start, _, crc = _FOOTER.unpack(stream.read(_FOOTER.size))
     if not crc:

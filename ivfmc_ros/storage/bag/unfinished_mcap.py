@@ -30,6 +30,9 @@ from mcap.records import MessageIndex
 from mcap.records import Schema
 
 from ivfmc_ros.errors import BagError
+from ivfmc_ros.storage.bag.mcap_layout import CHUNK
+from ivfmc_ros.storage.bag.mcap_layout import HEAD
+from ivfmc_ros.storage.bag.mcap_layout import MAGIC
 from ivfmc_ros.storage.bag.recovery import IntactPart
 from ivfmc_ros.storage.bag.recovery import part_at
 from ivfmc_ros.storage.bag.recovery import skip_damage
@@ -37,11 +40,6 @@ from ivfmc_ros.storage.bag.recovery import skip_damage
 # Name of this package in the header of its files: the sequence of a message is its index there.
 LIBRARY = 'ivfmc_ros'
 
-_MAGIC = b'\x89MCAP0\r\n'
-# Opcode and content length of a record; start and end time, uncompressed size, CRC and length of
-# the name of the compression, of a chunk.
-_HEAD = struct.Struct('<BQ')
-_CHUNK = struct.Struct('<QQQII')
 # Channel of a message index, behind the head of the record.
 _CHANNEL = struct.Struct('<H')
 
@@ -61,7 +59,7 @@ class WrittenPart:
     torn : message indices of the last chunk, if the recorder was interrupted before it wrote them
     """
 
-    end: int = len(_MAGIC)
+    end: int = len(MAGIC)
     crc: int = 0
     schemas: list[Schema] = field(default_factory=list)
     channels: list[Channel] = field(default_factory=list)
@@ -100,7 +98,7 @@ def read_written_part(file: Path, visit: Visit = ignore_message) -> WrittenPart:
     """
     try:
         with file.open('rb') as stream:
-            if stream.read(len(_MAGIC)) != _MAGIC:
+            if stream.read(len(MAGIC)) != MAGIC:
                 raise BagError(f'{file}: is not an MCAP file')
             with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
                 return _read(data, file, visit)
@@ -110,7 +108,7 @@ def read_written_part(file: Path, visit: Visit = ignore_message) -> WrittenPart:
 
 def _read(data: mmap.mmap, file: Path, visit: Visit) -> WrittenPart:
     written = WrittenPart()
-    position, damaged = len(_MAGIC), -1
+    position, damaged = len(MAGIC), -1
     while position < len(data) and data[position] not in (Opcode.METADATA, Opcode.DATA_END):
         part, end = part_at(data, position)
         if part is None:
@@ -163,8 +161,8 @@ def _add_chunk(
     records: Sequence[McapRecord],
 ) -> None:
     """Add a chunk; its message indices have to follow it."""
-    first_ns, last_ns, size, _, name_length = _CHUNK.unpack_from(data, position + _HEAD.size)
-    name_at = position + _HEAD.size + _CHUNK.size
+    first_ns, last_ns, size, _, name_length = CHUNK.unpack_from(data, position + HEAD.size)
+    name_at = position + HEAD.size + CHUNK.size
     written.chunk_indices.append(
         ChunkIndex(
             chunk_length=end - position,
@@ -204,7 +202,7 @@ def _message_indices(records: Sequence[McapRecord]) -> dict[int, MessageIndex]:
             )
             index.records.append((record.log_time, count))
             # head; channel, sequence, log time and publish time; data
-            count += _HEAD.size + 22 + len(record.data)
+            count += HEAD.size + 22 + len(record.data)
         else:
             record.write(builder)
             count += len(builder.end())
@@ -215,7 +213,7 @@ def _add_index(written: WrittenPart, data: mmap.mmap, position: int, end: int) -
     """Note a message index that is in the file; the last one of a chunk ends it."""
     if not written.torn:
         return
-    (channel,) = _CHANNEL.unpack_from(data, position + _HEAD.size)
+    (channel,) = _CHANNEL.unpack_from(data, position + HEAD.size)
     chunk = written.chunk_indices[-1]
     chunk.message_index_offsets[channel] = position
     chunk.message_index_length += end - position
