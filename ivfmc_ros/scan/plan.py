@@ -39,6 +39,12 @@ _TURN = 2.0 * math.pi
 _POSITION_TOLERANCE = 1e-3
 # Part of a step that is rounding.
 _ROUNDING = 1e-6
+# The motion model drops profiles nearer than this to a ramp (seconds), which is found to about
+# three profiles.
+_LEAD_S, _LEAD_PROFILES = 0.1, 3.0
+# A camera below this fraction of the planned rate is limited by its computer, whose load varies
+# during a sweep; a sweep relies on so much of the rate measured before it.
+_LOW_RATE, _SUSTAINED = 0.9, 0.85
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,17 +56,24 @@ class MotionLimits:
     velocity, acceleration : rad/s and rad/s^2; the velocity of positioning moves, and the upper
         limit for a sweep
     lead_time : seconds at constant speed before the first profile and after the last one; the
-        motion model is fitted to them as well
+        motion model is fitted to them as well; 0 for 0.1 s and three profiles
     """
 
     profile_rate: float = 10.0
     velocity: float = 1.5
     acceleration: float = 6.0
-    lead_time: float = 0.4
+    lead_time: float = 0.0
 
     def __post_init__(self) -> None:
-        for key, value in vars(self).items():
+        for key in ('profile_rate', 'velocity', 'acceleration'):
+            value = getattr(self, key)
             require_in_range(key, value, 0.0, math.inf, open_low=True, open_high=True)
+        require_in_range('lead_time', self.lead_time, 0.0, math.inf, open_high=True)
+
+    @property
+    def lead_seconds(self) -> float:
+        """Seconds at constant speed before the first profile and after the last one."""
+        return self.lead_time or _LEAD_S + _LEAD_PROFILES / self.profile_rate
 
     def seconds(self, distance: float, velocity: float) -> float:
         """Return the duration, s, of a move of ``distance`` rad with trapezoidal velocity."""
@@ -140,14 +153,20 @@ class Sweep:
         return [self.start + index * step for index in range(self.profiles)]
 
     def limited_velocity(self, profile_rate: float) -> float:
-        """Return the velocity, rad/s, reduced where ``profile_rate``, 1/s, is below the plan's."""
-        step = self.trigger_step or self.span / self.profiles
-        return min(self.velocity, step * profile_rate)
+        """
+        Return the velocity, rad/s, at which the camera takes all profiles.
+
+        profile_rate : measured before the sweep, 1/s
+        """
+        fastest = (self.trigger_step or self.span / self.profiles) * profile_rate
+        if fastest < _LOW_RATE * self.velocity:
+            fastest *= _SUSTAINED
+        return min(self.velocity, fastest)
 
     def lead_angle(self, motion: MotionLimits) -> float:
         """Return the angle, rad, from the start of the move to the first profile."""
         ramp = 0.5 * self.velocity**2 / motion.acceleration
-        return ramp + self.velocity * motion.lead_time
+        return ramp + self.velocity * motion.lead_seconds
 
     def begin(self, motion: MotionLimits) -> float:
         """Return the table position, rad, at which the sweep begins, before the lead-in."""

@@ -6,7 +6,8 @@ Work window: what browsers cost a scan, and how late a profile is on the screen.
 The cell is simulated; its camera has its pictures before the scan. The browsers run on the same
 two cores and draw by the processor. They stand for other computers, so that they run at idle
 priority: the kernel gives them what the cell leaves, and what they wait for it is in the time to
-the screen.
+the screen. Two cores do not draw five 3-D views: four of five browsers receive all, and draw
+nothing.
 """
 
 from collections.abc import Iterator
@@ -28,6 +29,7 @@ from sensor_msgs.msg import PointCloud2
 from support.browser import browser
 from support.browser import open_page
 from support.graph_rig import following_client
+from support.page_clients import page_clients
 from support.prerendered_camera import PICTURES
 from support.prerendered_camera import PrerenderedCell
 from support.prerendered_camera import write_pictures
@@ -42,6 +44,7 @@ from ivfmc_ros.storage.messages.point_clouds import to_profile
 
 PORT = 8189
 COUNTS = (1, 5)
+NOTES = {1: '', 5: '; one Chromium, and four that receive the same and draw nothing'}
 # Seconds until the workers of the cell have imported their libraries.
 SETTLE_S = 45.0
 SCAN: dict[str, Any] = {
@@ -71,12 +74,6 @@ window.Worker = class extends Original {
     });
   }
 };
-"""
-# Of all browsers but the first: they receive everything, and draw four pictures a second. The two
-# cores do not draw five 3-D views at full rate, which five tablets do.
-SLOW = """
-const frame = window.requestAnimationFrame.bind(window);
-window.requestAnimationFrame = (draw) => setTimeout(() => frame(draw), 250);
 """
 
 
@@ -110,23 +107,27 @@ def run() -> Iterator[Number]:
 def _with_browsers(client: Any, count: int, without: float) -> Iterator[Number]:
     name = f'{count} browser{"" if count == 1 else "s"}'
     try:
-        with _browsers(count) as pages:
+        with _browser() as page, page_clients(PORT, count - 1) as others:
+            before = [other.received for other in others]
             lost, seconds = _scan(client)
-            arrived, shown = _latency(client, pages[0])
+            arrived, shown = _latency(client, page)
+            received = [other.received - past for other, past in zip(others, before, strict=True)]
     except TimeoutError as error:
-        # of so many browsers that draw by the processor
+        # a browser that draws by the processor
         yield Number(f'{name}: profiles lost', math.nan, '', at_most(0), str(error))
         return
-    yield from _cost(name, lost, seconds, without)
-    if count == 1:
-        note = f'of {len(shown)} profiles, from their message'
-        yield Number('profile to page, median', _median(arrived), 's', None, note)
-        yield Number('profile to pixel, median', _median(shown), 's', at_most(0.3), note)
+    yield from _cost(name, lost, seconds, without, NOTES[count])
+    note = f'of {len(shown)} profiles, from their message'
+    yield Number(f'{name}: profile to page, median', _median(arrived), 's', None, note)
+    bar = at_most(0.3) if count == 1 else None
+    yield Number(f'{name}: profile to pixel, median', _median(shown), 's', bar, note)
+    if received:
+        yield Number(f'{name}: sent to each', min(received) / 1e6, 'MB')
 
 
 def _with_stuck_browser(client: Any, without: float) -> Iterator[Number]:
     """Measure a scan whose page does not read what it is sent."""
-    with _browsers(1):
+    with _browser():
         _signal_browsers(signal.SIGSTOP)
         try:
             found = _scan(client)
@@ -135,9 +136,11 @@ def _with_stuck_browser(client: Any, without: float) -> Iterator[Number]:
     yield from _cost('1 stuck browser', *found, without)
 
 
-def _cost(name: str, lost: int, seconds: float, without: float) -> Iterator[Number]:
+def _cost(
+    name: str, lost: int, seconds: float, without: float, what: str = ''
+) -> Iterator[Number]:
     yield Number(f'{name}: profiles lost', lost, '', at_most(0))
-    note = f'{seconds:.1f} s of scanning, {without:.1f} s without'
+    note = f'{seconds:.1f} s of scanning, {without:.1f} s without{what}'
     yield Number(f'{name}: time / without', seconds / without, '', at_most(1.05), note)
 
 
@@ -146,23 +149,18 @@ def _median(seconds: list[float]) -> float:
 
 
 @contextmanager
-def _browsers(count: int) -> Iterator[list[Any]]:
-    with browser(count) as pages:
-        for page in pages:
-            page.add_init_script(HOOK if page is pages[0] else SLOW)
-            open_page(page, f'http://127.0.0.1:{PORT}')
-            _await_page(page, count)
-            _make_idle()
-        yield pages
-
-
-def _await_page(page: Any, count: int) -> None:
+def _browser() -> Iterator[Any]:
     from playwright.sync_api import TimeoutError as Late
 
-    try:
-        page.get_by_role('button', name='Start scan').wait_for(timeout=120_000)
-    except Late:
-        raise TimeoutError(f'{count} browsers do not open on this computer') from None
+    with browser() as [page]:
+        page.add_init_script(HOOK)
+        open_page(page, f'http://127.0.0.1:{PORT}')
+        try:
+            page.get_by_role('button', name='Start scan').wait_for(timeout=120_000)
+        except Late:
+            raise TimeoutError('the browser does not open the page on this computer') from None
+        _make_idle()
+        yield page
 
 
 def _make_idle() -> None:

@@ -118,6 +118,16 @@ def test_constant_speed_is_reached_before_the_first_profile():
     assert sweep.lead_angle(table) == pytest.approx(ramp + 0.5 * sweep.velocity)
 
 
+@pytest.mark.parametrize(('rate', 'seconds'), [(10.0, 0.4), (30.0, 0.2), (1.0, 3.1)])
+def test_lead_has_the_profiles_by_which_the_end_of_the_ramp_is_found(rate, seconds):
+    assert MotionLimits(profile_rate=rate).lead_seconds == pytest.approx(seconds)
+
+
+def test_negative_lead_is_refused():
+    with pytest.raises(ParameterError, match='lead_time'):
+        MotionLimits(lead_time=-0.1)
+
+
 def test_unknown_laser_is_refused():
     with pytest.raises(ParameterError, match=r"'top' is not in the cell; it has left, right"):
         plan(lasers=('top',))
@@ -136,7 +146,10 @@ def test_motion_limit_that_is_not_positive_is_refused(value):
 
 def test_table_turns_slower_for_a_slow_camera():
     sweep = plan(profiles=200).sweeps[0]
-    assert sweep.limited_velocity(5.0) == pytest.approx(TURN / 200 * 5.0)
+    # the rate of a camera that its computer limits varies: one that falls by a tenth loses nothing
+    assert sweep.limited_velocity(5.0) <= TURN / 200 * 4.5
+    assert sweep.limited_velocity(5.0) >= TURN / 200 * 4.0
+    assert sweep.limited_velocity(9.5) == pytest.approx(TURN / 200 * 9.5)
     assert sweep.limited_velocity(20.0) == sweep.velocity
 
 
@@ -176,7 +189,7 @@ def test_trigger_determines_the_number_of_profiles_and_the_velocity():
     for sweep in made.sweeps:
         assert sweep.profiles == 450
         assert sweep.velocity == pytest.approx(step * 10.0)
-        assert sweep.limited_velocity(7.0) == pytest.approx(step * 7.0)
+        assert step * 5.5 < sweep.limited_velocity(7.0) < step * 6.5
 
 
 def test_profiles_that_the_trigger_does_not_give_are_refused():

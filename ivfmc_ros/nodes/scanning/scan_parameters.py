@@ -187,8 +187,9 @@ def _declare_motion(node: CellNode) -> None:
     node.parameter(
         'lead_time',
         default.lead_time,
-        'Seconds at constant speed before the first profile of a sweep and after the last.',
-        low=0.05,
+        'Seconds at constant speed before the first profile of a sweep and after the last; '
+        '0: 0.1 and the time of three profiles.',
+        low=0.0,
         high=10.0,
     )
 
