@@ -4,7 +4,6 @@
 
 from collections.abc import Callable
 from collections.abc import Mapping
-import os
 from pathlib import Path
 import time
 from typing import Any
@@ -50,8 +49,6 @@ def run_graph(output: Path, seed: int, wanted: Mapping[str, Any]) -> None:
     """
     files.require_new_folder(output)
     output.mkdir(parents=True, exist_ok=True)
-    # other cells on the network must not answer
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     cell, camera = write_simulated(output)
     run = CellRun(
         folder=output,

@@ -148,6 +148,8 @@ def start(run: CellRun, processes: Processes) -> None:
         RCUTILS_CONSOLE_OUTPUT_FORMAT='[{severity}] {message}',
         ROS_LOG_DIR=str(run.folder / 'log'),
     )
+    # that of this process is not that of the nodes
+    around.pop('ROS_SECURITY_ENCLAVE_OVERRIDE', None)
     if run.simulate:
         processes.start(SIMULATION, _simulation(run), around, ready='ready')
     for node in run.nodes:
@@ -158,6 +160,8 @@ def command(run: CellRun, node: str) -> list[str]:
     """Return the command line of a node."""
     words = [sys.executable, '-m', f'ivfmc_ros.nodes.{node}', '--ros-args']
     words += ['-r', f'__ns:={run.namespace}']
+    # by which SROS2 finds the permissions of the node; without SROS2 it means nothing
+    words += ['--enclave', f'{run.namespace.rstrip("/")}/{node}']
     file = run.config / f'{node}.yaml'
     if file.is_file():
         words += ['--params-file', str(file)]

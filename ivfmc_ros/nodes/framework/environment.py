@@ -4,7 +4,8 @@
 Environment variables of a process that runs a node. No ROS.
 
 ROS wheels look up message types by AMENT_PREFIX_PATH, which a sourced workspace sets, and Fast DDS
-needs a profile file for shared-memory segments that hold images.
+needs a profile file for shared-memory segments that hold images. A cell that turns and shines is
+not offered to a whole network unless the variables of ROS say so.
 """
 
 from collections.abc import Mapping
@@ -15,6 +16,8 @@ import sys
 from ivfmc_ros.errors import FileError
 
 PACKAGE = 'ivfmc_ros'
+# Each says how far a participant is seen; the second is that of older distributions.
+_DISCOVERY = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY')
 _PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 
 
@@ -43,6 +46,8 @@ def missing(environment: Mapping[str, str]) -> dict[str, str]:
         found['AMENT_PREFIX_PATH'] = str(prefix)
     if not any(environment.get(name) for name in _PROFILES):
         found[_PROFILES[0]] = str(config_file('fastdds.xml'))
+    if not any(environment.get(name) for name in _DISCOVERY):
+        found[_DISCOVERY[0]] = 'LOCALHOST'
     return found
 
 
