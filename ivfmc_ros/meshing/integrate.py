@@ -160,7 +160,9 @@ def _classify_quads(
     measured = seen[surface.quads].all(axis=1)
     kind = np.where(measured, MEASURED, FILLED).astype(np.uint8)
     # morphological closing of the touched vertices
-    closed = ~_dilated(surface, ~_dilated(surface, touched, _BRIDGE_RINGS), _BRIDGE_RINGS)
+    closed = ~_dilated(
+        surface.quads, ~_dilated(surface.quads, touched, _BRIDGE_RINGS), _BRIDGE_RINGS
+    )
     covered = touched | closed
     kind[covered[surface.quads].all(axis=1) & ~measured] = BRIDGED
     if level is not None:
@@ -174,23 +176,31 @@ def _classify_quads(
 
 def _wall_above_platter(surface: surface_nets.QuadSurface, seen: Bools, level: float) -> Bools:
     """Return which quads continue a wall, measured to just above the platter, down to it."""
-    on_platter = ~seen & (np.abs(surface.vertices[:, 2] - level) < 1.0)
+    height = np.abs(surface.vertices[:, 2] - level)
+    # a ring is at most two voxels wide: nothing else is that many rings from the platter
+    low = np.flatnonzero((height < 1.0 + 2.0 * _WALL_RINGS).take(surface.quads[:, 0]))
+    near = surface.quads[low]
+    on_platter = ~seen & (height < 1.0)
     below, above = [seen], [on_platter]
     for _ in range(_WALL_RINGS):
-        below.append(_dilated(surface, below[-1], 1))
-        above.append(_dilated(surface, above[-1], 1))
+        below.append(_dilated(near, below[-1], 1))
+        above.append(_dilated(near, above[-1], 1))
     # on a path of at most that many rings from the measured vertices to the platter
     between = np.any([a & b for a, b in zip(below, reversed(above), strict=True)], axis=0)
-    upright = denoise.quad_normals(surface.vertices, surface.quads)[:, 2] > _FACING_DOWN
-    return np.asarray(upright & between[surface.quads].all(axis=1))
+    upright = denoise.quad_normals(surface.vertices, near)[:, 2] > _FACING_DOWN
+    wall = np.zeros(len(surface.quads), dtype=bool)
+    wall[low] = upright & between[near].all(axis=1)
+    return wall
 
 
-def _dilated(surface: surface_nets.QuadSurface, chosen: Bools, rings: int) -> Bools:
-    """Add ``rings`` rings of neighbors to a choice of vertices."""
+def _dilated(quads: Ints, chosen: Bools, rings: int) -> Bools:
+    """Add ``rings`` rings of neighbors, by the quads, to a choice of vertices."""
     for _ in range(rings):
-        quads = chosen[surface.quads].any(axis=1)
+        corners = chosen.take(quads)
+        # a third of the time of any(axis=1)
+        reached = corners[:, 0] | corners[:, 1] | corners[:, 2] | corners[:, 3]
         chosen = chosen.copy()
-        chosen[surface.quads[quads].ravel()] = True
+        chosen[quads[reached].ravel()] = True
     return chosen
 
 

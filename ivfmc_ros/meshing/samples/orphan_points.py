@@ -59,7 +59,7 @@ def attach_orphan_points(
     )
     tolerance = _INLIER_SIGMAS * sigma
     planes = fit_planes(queries, neighborhood, tolerance, voxel, through_query=True)
-    _, nearest = cKDTree(samples.points_xyz).query(queries)
+    _, nearest = cKDTree(samples.points_xyz, balanced_tree=False).query(queries, workers=-1)
     facing = (planes.normals * samples.to_camera[nearest]).sum(axis=1)
     good = (
         (planes.inlier_ratio > _MIN_INLIER_RATIO)

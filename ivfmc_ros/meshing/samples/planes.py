@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ivfmc_ros.meshing.parallel import map_chunked
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 
@@ -20,7 +21,7 @@ _MIN_SPAN = 0.5
 _MIN_NORMAL_COSINE = 0.96
 _MIN_ORIENTED_INLIERS = 6  # with a normal, if the neighborhood has normals
 _FAR_WEIGHT = 1e-4  # weight of a neighbor at any distance
-_CHUNK = 1 << 14  # query points
+_CHUNK = 1 << 11  # query points; their neighbors stay in the processor's cache
 _SAME_POINT = 1e-9  # meters; a neighbor this near is the query point itself
 _DUPLICATE_CELL = 0.05  # voxels; points in one such cell count as one
 
@@ -109,13 +110,15 @@ def fit_planes(
     through_query : planes contain the query point; otherwise the query point is not used
     """
     neighborhood = _without_duplicates(neighborhood, _DUPLICATE_CELL * voxel)
-    tree = cKDTree(neighborhood.points_xyz)
-    parts = []
+    tree = cKDTree(neighborhood.points_xyz, balanced_tree=False)
     queries, place = np.unique(queries, axis=0, return_inverse=True)
     place = place.ravel()
-    for start in range(0, max(len(queries), 1), _CHUNK):
-        neighbors = _find_neighbors(tree, queries[start : start + _CHUNK], neighborhood)
-        parts.append(_fit_chunk(neighbors, tolerance, voxel, through_query=through_query))
+
+    def fit(chunk: slice) -> LocalPlanes:
+        neighbors = _find_neighbors(tree, queries[chunk], neighborhood)
+        return _fit_chunk(neighbors, tolerance, voxel, through_query=through_query)
+
+    parts = list(map_chunked(fit, max(len(queries), 1), _CHUNK))
     return LocalPlanes(
         **{
             field.name: np.concatenate([getattr(part, field.name) for part in parts])[place]
@@ -138,7 +141,6 @@ def _find_neighbors(tree: cKDTree, queries: Floats, neighborhood: Neighborhood) 
         queries,
         k=neighborhood.max_neighbors,
         distance_upper_bound=neighborhood.radius,
-        workers=-1,
     )
     valid = np.isfinite(distance) & (distance > _SAME_POINT)
     index = np.where(valid, index, 0)
