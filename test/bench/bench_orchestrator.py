@@ -29,6 +29,7 @@ from support.prerendered_camera import write_pictures
 
 from bench import at_most
 from bench import Number
+from bench.loaded_scans import loaded_scans
 from bench.pool import mapped
 from bench.scan_steps import scan_steps
 from ivfmc_ros.cli.support.cell_run import NODES
@@ -73,6 +74,7 @@ def run() -> Iterator[Number]:
             client.close()
             cell.end()
     yield from full_rate()
+    yield from loaded_scans()
 
 
 def full_rate() -> Iterator[Number]:

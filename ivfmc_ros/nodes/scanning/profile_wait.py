@@ -7,13 +7,16 @@ The first profiles of a scan are published when there are enough images to resol
 settings, which a slow camera takes long for; profiles of a busy computer are late, but come.
 """
 
+from itertools import pairwise
+
 from ivfmc_ros.nodes.framework.futures import Condition
 from ivfmc_ros.nodes.scanning.beam_control import Until
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
 from ivfmc_ros.stripe.stream import TUNING_IMAGES
 
-# Profiles from which their rate is measured.
-_RATE_PROFILES = 6
+# Profiles from which their rate is measured. The longest interval does not count: one lost image
+# is not a slow camera.
+_RATE_PROFILES = 8
 
 
 class ProfileWait:
@@ -49,8 +52,8 @@ class ProfileWait:
 
         what = f'the first profiles of view {view}'
         await self._until_ready(lambda: len(stamps_ns()) == _RATE_PROFILES, view, what)
-        first, *_, last = stamps_ns()
-        return (_RATE_PROFILES - 1) / max((last - first) * 1e-9, 1e-3)
+        intervals = sorted(after - before for before, after in pairwise(stamps_ns()))[:-1]
+        return len(intervals) / max(sum(intervals) * 1e-9, 1e-3)
 
     async def _until_ready(self, ready: Condition, view: int, what: str) -> None:
         link = self._link

@@ -18,10 +18,11 @@ class World:
 
     period : seconds between images
     delay : seconds from an image to its profile, once there are enough images; None: no profiles
+    lost : numbers of the images that became no profile
     """
 
-    def __init__(self, period, delay=0.0, view=1):
-        self.period, self.delay, self.view = period, delay, view
+    def __init__(self, period, delay=0.0, view=1, lost=()):
+        self.period, self.delay, self.view, self.lost = period, delay, view, lost
         self.now = 0.0
         self.link = SimpleNamespace(info_stamps_ns=[], headers={})
         self.link.latest_profiles = lambda: list(self.link.headers.values())
@@ -43,6 +44,7 @@ class World:
             self.link.headers = {
                 number: SimpleNamespace(view=self.view, stamp_ns=stamp)
                 for number, stamp in enumerate(done)
+                if number not in self.lost
             }
 
 
@@ -54,6 +56,15 @@ def rate(world):
 def test_rate_of_a_slow_camera_is_measured(period):
     # the images that resolve the settings take longer than the patience
     assert rate(World(period)) == pytest.approx(1.0 / period, rel=1e-6)
+
+
+def test_one_lost_image_is_not_a_slow_camera():
+    # of the first images that are there together
+    assert rate(World(1.0 / 30.0, lost=[TUNING_IMAGES - 4])) == pytest.approx(30.0, rel=1e-6)
+
+
+def test_camera_of_which_each_second_image_is_lost_is_slow():
+    assert rate(World(0.1, lost=range(0, 1000, 2))) == pytest.approx(5.0, rel=1e-6)
 
 
 def test_profiles_of_a_busy_computer_are_awaited():
