@@ -26,6 +26,10 @@ _MAX_PERIOD_S = 0.25
 _VELOCITY_NS = 50_000_000
 
 
+# Radians, below any step of a scan and above the noise of an encoder.
+_SAME_ANGLE = 1e-3
+
+
 @dataclass(frozen=True, kw_only=True)
 class JointReport:
     """Position (radians, unwrapped) and velocity (rad/s) of the table at a stamp."""
@@ -33,6 +37,31 @@ class JointReport:
     stamp_ns: int
     position: float
     velocity: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Standstill:
+    """
+    Where the table stands, and since when; stamps in nanoseconds.
+
+    position : radians
+    first_ns : of the first known report of it
+    after_ns : of the last report of something else. The reports between both may be lost, or were
+        too many to be kept by a node that was late, and what the table did meanwhile be done
+    """
+
+    position: float = 0.0
+    first_ns: int = 0
+    after_ns: int = 0
+
+    def shows(self, angle: float, stamp_ns: int) -> bool:
+        """
+        Return whether a profile was taken at this standstill.
+
+        angle : radians, without whole turns
+        """
+        off = math.remainder(angle - self.position, 2.0 * math.pi)
+        return stamp_ns >= self.first_ns or (stamp_ns > self.after_ns and abs(off) < _SAME_ANGLE)
 
 
 def mean_velocity(reports: Sequence[JointReport], stamp_ns: int, position: float) -> float:

@@ -26,6 +26,7 @@ from ivfmc_ros.scan.liveness import AttentiveClock
 from ivfmc_ros.scan.liveness import LivenessMonitor
 from ivfmc_ros.scan.motion_check import JointReport
 from ivfmc_ros.scan.motion_check import mean_velocity
+from ivfmc_ros.scan.motion_check import Standstill
 from ivfmc_ros.storage.matching.joint_history import joint_in_message
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 from ivfmc_ros.storage.messages.profile_header import read_profile_header
@@ -90,6 +91,8 @@ class CellLink:
         self._beam: str | None = None
         self._closed = False
         self._reports_since_command = 0
+        # stamp of the last joint state in motion, or before the last command
+        self._moved_ns = 0
         self._heartbeats = Heartbeats(node, HELPERS, self.watch.heartbeat)
         self.diagnostics = DiagnosticsWatch(node, self._end)
         self._hold = node.publish_on(Header, 'beam_hold')
@@ -170,6 +173,8 @@ class CellLink:
             time_from_start=Duration(sec=whole, nanosec=int((seconds - whole) * 1e9)),
         )
         self._reports_since_command = 0
+        if self.reports:
+            self._moved_ns = self.reports[-1].stamp_ns
         # joint_trajectory_controller: a stamp of zero means now
         self._trajectory.publish(JointTrajectory(joint_names=[self.joint], points=[point]))
 
@@ -203,11 +208,12 @@ class CellLink:
         )
 
     @property
-    def standstill_ns(self) -> int:
+    def standstill(self) -> Standstill:
         """
-        Stamp of the first of the joint states that make up the standstill, nanoseconds.
+        Where the table stands since its last move.
 
-        Not of the last few: this node may be late, and the profile of this position be there.
+        It begins with the first joint state that says so, not with the last few: this node may be
+        late, and the profile of this position be there.
         """
         first_ns = 0
         for number, report in enumerate(reversed(self.reports)):
@@ -215,7 +221,9 @@ class CellLink:
             if is_old or abs(report.velocity) > _STANDSTILL_VELOCITY:
                 break
             first_ns = report.stamp_ns
-        return first_ns
+        return Standstill(
+            position=self.position or 0.0, first_ns=first_ns, after_ns=self._moved_ns
+        )
 
     def latest_profiles(self) -> list[ProfileHeader]:
         """Return the headers of the last profiles, the newest first."""
@@ -257,6 +265,8 @@ class CellLink:
         self._check_stamp(JOINTS, stamp_ns)
         self.reports.append(JointReport(stamp_ns=stamp_ns, position=position, velocity=velocity))
         self._reports_since_command += 1
+        if abs(velocity) > _STANDSTILL_VELOCITY:
+            self._moved_ns = stamp_ns
 
     def _receive_camera(self, message: CameraInfo) -> None:
         self.last_image_ns = nanoseconds(message.header.stamp)

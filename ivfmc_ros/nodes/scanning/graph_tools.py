@@ -28,6 +28,7 @@ from ivfmc_ros.nodes.scanning.scan_guard import ScanGuard
 from ivfmc_ros.nodes.scanning.table_motion import TableMotion
 from ivfmc_ros.scan.disk_space import DiskWatch
 from ivfmc_ros.scan.job import Outcome
+from ivfmc_ros.scan.motion_check import Standstill
 from ivfmc_ros.scan.plan import NOT_MEASURED
 from ivfmc_ros.scan.plan import require_steps
 from ivfmc_ros.scan.plan import Sweep
@@ -105,7 +106,7 @@ class GraphTools:
         self._profiles = ProfileWait(link, self._until, context.patience)
         triggered = any(sweep.trigger_step for sweep in context.plan.sweeps)
         self._camera = CameraControl(node, services, self._until, self._guard, triggered=triggered)
-        self._standstill_ns = 0
+        self._standstill = Standstill()
         self.bag: Mapping[str, Any] = {}
         self.has_figures = False
 
@@ -202,7 +203,7 @@ class GraphTools:
             f'the table to stop at {math.degrees(position):.2f} degrees',
             'MOTION_FAILED',
         )
-        self._standstill_ns = self._link.standstill_ns
+        self._standstill = self._link.standstill
 
     async def laser_on(self, laser: str) -> None:
         """Switch this laser on and all others off; return when that is reported."""
@@ -214,7 +215,7 @@ class GraphTools:
 
     async def take_dark_frame(self) -> None:
         """Return when an image was exposed with all lasers off at the present position."""
-        await self._beam.take_dark_frame(self._standstill_ns)
+        await self._beam.take_dark_frame(self._standstill.first_ns)
 
     async def check_lasers_off(self) -> None:
         """Return when images were exposed with all lasers off, in which one may still shine."""
@@ -222,7 +223,7 @@ class GraphTools:
 
     async def wait_for_profile(self, view: int) -> None:
         """Return when a profile of ``view`` at the present position has been received."""
-        await self._profiles.profile_since(view, self._standstill_ns)
+        await self._profiles.profile_at(view, self._standstill)
 
     async def measure_profile_rate(self, sweep: Sweep) -> float:
         """Return the rate of profiles, 1/s, with the present laser at standstill."""

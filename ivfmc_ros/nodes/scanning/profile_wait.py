@@ -12,6 +12,7 @@ from itertools import pairwise
 from ivfmc_ros.nodes.framework.futures import Condition
 from ivfmc_ros.nodes.scanning.beam_control import Until
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
+from ivfmc_ros.scan.motion_check import Standstill
 from ivfmc_ros.stripe.stream import TUNING_IMAGES
 
 # Profiles from which their rate is measured. The longest interval does not count: one lost image
@@ -26,16 +27,18 @@ class ProfileWait:
         """``patience_s`` : seconds without progress after which a wait fails."""
         self._link, self._until, self._patience_s = link, until, patience_s
 
-    async def profile_since(self, view: int, stamp_ns: int) -> None:
+    async def profile_at(self, view: int, standstill: Standstill) -> None:
         """
-        Return when a profile of ``view`` with this stamp or a later one has been received.
+        Return when a profile of ``view`` that was taken at this standstill has been received.
 
         :raises HelperError: NO_PROFILE
         """
 
         def received() -> bool:
             heads = self._link.latest_profiles()
-            return any(head.view == view and head.stamp_ns >= stamp_ns for head in heads)
+            return any(
+                head.view == view and standstill.shows(head.angle, head.stamp_ns) for head in heads
+            )
 
         await self._until_ready(received, view, f'a profile of view {view}')
 

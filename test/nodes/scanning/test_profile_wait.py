@@ -1,12 +1,14 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 import asyncio
+import math
 from types import SimpleNamespace
 
 import pytest
 
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.nodes.scanning.profile_wait import ProfileWait
+from ivfmc_ros.scan.motion_check import Standstill
 from ivfmc_ros.stripe.stream import TUNING_IMAGES
 
 PATIENCE_S = 20.0
@@ -42,7 +44,7 @@ class World:
         if self.delay is not None and images >= TUNING_IMAGES:
             done = [stamp for stamp in stamps if 1e-9 * stamp + self.delay <= self.now]
             self.link.headers = {
-                number: SimpleNamespace(view=self.view, stamp_ns=stamp)
+                number: SimpleNamespace(view=self.view, stamp_ns=stamp, angle=0.0)
                 for number, stamp in enumerate(done)
                 if number not in self.lost
             }
@@ -69,8 +71,8 @@ def test_camera_of_which_each_second_image_is_lost_is_slow():
 
 def test_profiles_of_a_busy_computer_are_awaited():
     world = World(1.0, delay=19.0)
-    waited = ProfileWait(world.link, world.until, PATIENCE_S).profile_since(1, 60_000_000_000)
-    asyncio.run(waited)
+    here = Standstill(first_ns=60_000_000_000, after_ns=59_500_000_000)
+    asyncio.run(ProfileWait(world.link, world.until, PATIENCE_S).profile_at(1, here))
     assert world.now == pytest.approx(79.0, abs=0.2)
 
 
@@ -87,3 +89,20 @@ def test_a_camera_that_sends_nothing_is_awaited_once():
     with pytest.raises(HelperError):
         rate(world)
     assert world.now == pytest.approx(PATIENCE_S, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ('angle', 'stamp_s', 'shown'),
+    [
+        (0.3, 5.1, True),
+        # the report that the table arrived was lost, or forgotten by a node that was late
+        (0.3, 4.5, True),
+        (0.3 - 4.0 * math.pi, 4.5, True),
+        (0.25, 4.5, False),
+        # of the turn before
+        (0.3, 3.9, False),
+    ],
+)
+def test_profile_of_this_standstill_may_be_older_than_its_first_report(angle, stamp_s, shown):
+    here = Standstill(position=0.3, first_ns=5_000_000_000, after_ns=4_000_000_000)
+    assert here.shows(angle, round(1e9 * stamp_s)) is shown
