@@ -227,10 +227,11 @@ class GraphTools:
 
     async def measure_profile_rate(self, sweep: Sweep) -> float:
         """Return the rate of profiles, 1/s, with the present laser at standstill."""
-        rate = await self._profiles.rate(max(sweep.views))
-        if rate < _LOW_RATE * self.context.motion.profile_rate:
+        planned = self.context.motion.profile_rate
+        rate = await self._profiles.rate(max(sweep.views), _LOW_RATE * planned)
+        if rate < _LOW_RATE * planned:
             self._node.get_logger().warning(
-                f'measured {rate:.1f} profiles/s, planned {self.context.motion.profile_rate:.1f}; '
+                f'measured {rate:.1f} profiles/s, planned {planned:.1f}; '
                 'the table turns more slowly'
             )
         return rate

@@ -18,6 +18,9 @@ from ivfmc_ros.stripe.stream import TUNING_IMAGES
 # Profiles from which their rate is measured. The longest interval does not count: one lost image
 # is not a slow camera.
 _RATE_PROFILES = 8
+# A low rate is measured again as long as it rises by this factor, at most so often: right after
+# its start a cell still loads its libraries.
+_RISE, _MAX_MEASUREMENTS = 1.1, 6
 
 
 class ProfileWait:
@@ -42,21 +45,34 @@ class ProfileWait:
 
         await self._until_ready(received, view, f'a profile of view {view}')
 
-    async def rate(self, view: int) -> float:
+    async def rate(self, view: int, enough: float) -> float:
         """
         Return the rate of the profiles of ``view``, 1/s.
 
+        enough : rate that is not measured again
         :raises HelperError: NO_PROFILE
         """
+        best, last_ns = 0.0, 0
+        for _ in range(_MAX_MEASUREMENTS):
+            measured, last_ns = await self._rate_after(view, last_ns)
+            rises, best = measured > _RISE * best, max(measured, best)
+            if best >= enough or not rises:
+                break
+        return best
+
+    async def _rate_after(self, view: int, stamp_ns: int) -> tuple[float, int]:
+        """Return the rate of the profiles after a stamp, and the stamp of the last of them."""
 
         def stamps_ns() -> list[int]:
             heads = self._link.latest_profiles()
-            return sorted(head.stamp_ns for head in heads if head.view == view)[-_RATE_PROFILES:]
+            found = sorted(head.stamp_ns for head in heads if head.view == view)
+            return [stamp for stamp in found if stamp > stamp_ns][-_RATE_PROFILES:]
 
         what = f'the first profiles of view {view}'
         await self._until_ready(lambda: len(stamps_ns()) == _RATE_PROFILES, view, what)
-        intervals = sorted(after - before for before, after in pairwise(stamps_ns()))[:-1]
-        return len(intervals) / max(sum(intervals) * 1e-9, 1e-3)
+        stamps = stamps_ns()
+        intervals = sorted(after - before for before, after in pairwise(stamps))[:-1]
+        return len(intervals) / max(sum(intervals) * 1e-9, 1e-3), stamps[-1]
 
     async def _until_ready(self, ready: Condition, view: int, what: str) -> None:
         link = self._link

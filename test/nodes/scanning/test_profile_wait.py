@@ -18,7 +18,7 @@ class World:
     """
     A camera and a triangulator on a clock that only waiting moves.
 
-    period : seconds between images
+    period : seconds between images, or a function of the second
     delay : seconds from an image to its profile, once there are enough images; None: no profiles
     lost : numbers of the images that became no profile
     """
@@ -37,9 +37,16 @@ class World:
             self.now += 0.1
             self._advance()
 
+    def _stamps(self):
+        period = self.period if callable(self.period) else lambda second: self.period
+        second = period(0.0)
+        while second <= self.now + 1e-9:
+            yield round(1e9 * second)
+            second += period(second)
+
     def _advance(self):
-        images = int(self.now / self.period)
-        stamps = [round(1e9 * self.period * (number + 1)) for number in range(images)]
+        stamps = list(self._stamps())
+        images = len(stamps)
         self.link.info_stamps_ns[:] = stamps
         if self.delay is not None and images >= TUNING_IMAGES:
             done = [stamp for stamp in stamps if 1e-9 * stamp + self.delay <= self.now]
@@ -50,8 +57,8 @@ class World:
             }
 
 
-def rate(world):
-    return asyncio.run(ProfileWait(world.link, world.until, PATIENCE_S).rate(1))
+def rate(world, enough=0.0):
+    return asyncio.run(ProfileWait(world.link, world.until, PATIENCE_S).rate(1, enough))
 
 
 @pytest.mark.parametrize('period', [1.0 / 30.0, 1.0, 4.0])
@@ -63,6 +70,19 @@ def test_rate_of_a_slow_camera_is_measured(period):
 def test_one_lost_image_is_not_a_slow_camera():
     # of the first images that are there together
     assert rate(World(1.0 / 30.0, lost=[TUNING_IMAGES - 4])) == pytest.approx(30.0, rel=1e-6)
+
+
+def test_low_rate_is_measured_again_as_long_as_it_rises():
+    # a cell that was just started loads its libraries for ten seconds
+    def period(second):
+        return 0.5 if second < 10.0 else 0.1
+
+    assert rate(World(period)) == pytest.approx(2.0)
+    assert rate(World(period), enough=9.0) == pytest.approx(10.0)
+    # a camera that is as slow as that for good costs one measurement more
+    world = World(0.5)
+    assert rate(world, enough=9.0) == pytest.approx(2.0)
+    assert world.now < 0.5 * (TUNING_IMAGES + 9)
 
 
 def test_camera_of_which_each_second_image_is_lost_is_slow():
