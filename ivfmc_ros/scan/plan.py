@@ -43,8 +43,10 @@ _ROUNDING = 1e-6
 # three profiles.
 _LEAD_S, _LEAD_PROFILES = 0.1, 3.0
 # A camera below this fraction of the planned rate is limited by its computer, whose load varies
-# during a sweep; a sweep relies on so much of the rate measured before it.
-_LOW_RATE, _SUSTAINED = 0.9, 0.85
+# during a sweep ...
+LOW_RATE = 0.9
+# ... so that a sweep relies on so much of the rate measured before it.
+_SUSTAINED = 0.85
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,7 +161,7 @@ class Sweep:
         profile_rate : measured before the sweep, 1/s
         """
         fastest = (self.trigger_step or self.span / self.profiles) * profile_rate
-        if fastest < _LOW_RATE * self.velocity:
+        if fastest < LOW_RATE * self.velocity:
             fastest *= _SUSTAINED
         return min(self.velocity, fastest)
 

@@ -29,6 +29,7 @@ from ivfmc_ros.nodes.scanning.table_motion import TableMotion
 from ivfmc_ros.scan.disk_space import DiskWatch
 from ivfmc_ros.scan.job import Outcome
 from ivfmc_ros.scan.motion_check import Standstill
+from ivfmc_ros.scan.plan import LOW_RATE
 from ivfmc_ros.scan.plan import NOT_MEASURED
 from ivfmc_ros.scan.plan import require_steps
 from ivfmc_ros.scan.plan import Sweep
@@ -48,8 +49,6 @@ _FLUSH_S = 60.0
 _LOAD_S = 120.0
 _ABORT_S = 5.0
 _ABORT_RECORDER_S = 10.0
-# Fraction of the planned profile rate below which the operator is warned.
-_LOW_RATE = 0.9
 
 
 class GraphTools:
@@ -228,8 +227,8 @@ class GraphTools:
     async def measure_profile_rate(self, sweep: Sweep) -> float:
         """Return the rate of profiles, 1/s, with the present laser at standstill."""
         planned = self.context.motion.profile_rate
-        rate = await self._profiles.rate(max(sweep.views), _LOW_RATE * planned)
-        if rate < _LOW_RATE * planned:
+        rate = await self._profiles.rate(max(sweep.views), LOW_RATE * planned)
+        if rate < LOW_RATE * planned:
             self._node.get_logger().warning(
                 f'measured {rate:.1f} profiles/s, planned {planned:.1f}; '
                 'the table turns more slowly'
