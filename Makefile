@@ -55,7 +55,10 @@ $(READY): setup.py
 test: $(READY)
 	$(MAKE) --no-print-directory -j 2 lint docs-check
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m 'not (alone or realtime or slow)' -n 3 $(BY_FILE)
-	$(BIN)/python -m pytest -m 'realtime and not slow' -n 2 $(BY_FILE)
+	$(BIN)/python -m pytest -m 'realtime and not slow' -n 2 $(BY_FILE) || { \
+		echo 'make test: what failed with another test beside it is judged again, alone'; \
+		$(BIN)/python -m pytest --last-failed --last-failed-no-failures none \
+			-m 'realtime and not slow'; }
 	$(BIN)/python -m pytest -m 'alone and not slow'
 
 lint: $(READY)

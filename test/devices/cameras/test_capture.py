@@ -193,14 +193,14 @@ def test_silence_is_a_fault_of_a_free_running_camera_only(monkeypatch, triggered
 
 
 class RestfulCamera(FragileCamera):
-    """Gives 50 images a second, and 10 while it rests."""
+    """Gives 50 images a second, and one while it rests."""
 
     def __init__(self):
         super().__init__()
         self.rests, self.seed = [], 0
 
     def grab(self, timeout):
-        time.sleep(0.1 if self.rests and self.rests[-1] else 0.02)
+        time.sleep(1.0 if self.rests and self.rests[-1] else 0.02)
         self.seed += 1
         image = np.random.default_rng(self.seed).integers(0, 9, (32, 32)).astype(np.uint8)
         return CameraImage(image=image, stamp_ns=time.time_ns())
@@ -218,16 +218,18 @@ def until(condition):
 
 def test_camera_rests_while_its_images_are_not_wanted_and_that_is_no_fault():
     camera, wanted = RestfulCamera(), [False]
-    exposure = Exposure(frame_rate=50.0, seconds=0.001)
+    # slower than the camera: only the pauses of a rest are as long as two of its periods, not those
+    # of a busy computer
+    exposure = Exposure(frame_rate=2.0, seconds=0.001)
     capture = Capture(camera, exposure, lambda image: None, wanted=lambda: wanted[0])
     capture.start()
-    until(lambda: capture.image_count > 5)
+    until(lambda: capture.image_count > 2)
     assert camera.rests == [True]
     wanted[0] = True
     until(lambda: camera.rests == [True, False])
     count, begin = capture.image_count, time.monotonic()
     until(lambda: capture.image_count > count + 10)
-    assert time.monotonic() - begin < 0.8
+    assert time.monotonic() - begin < 5.0
     capture.stop()
     assert capture.fault == ''
     assert capture.counts['missing'] == 0

@@ -12,7 +12,7 @@ from ivfmc_ros.storage.catalogue.catalogue_writer import CatalogueWriter
 
 @pytest.fixture
 def writer(tmp_path):
-    catalogue = Catalogue(tmp_path, create=True, timeout_s=0.1)
+    catalogue = Catalogue(tmp_path, create=True, timeout_s=0.5)
     catalogue.add_scan('s1', 'part', '', 'IDLE', {})
     return CatalogueWriter(catalogue)
 
@@ -37,7 +37,7 @@ def test_updates_wait_for_a_locked_catalogue_and_keep_their_order(writer, lock, 
     begin = time.monotonic()
     writer.add(lambda catalogue: catalogue.set_stage('s1', 'SCANNING'))
     writer.add(lambda catalogue: catalogue.set_stage('s1', 'DONE'))
-    assert time.monotonic() - begin < 0.1
+    assert time.monotonic() - begin < 0.4
     until(lambda: 'locked' in writer.error)
     lock.rollback()
     until(lambda: not writer.error)
