@@ -218,8 +218,7 @@ def until(condition):
 
 def test_camera_rests_while_its_images_are_not_wanted_and_that_is_no_fault():
     camera, wanted = RestfulCamera(), [False]
-    # slower than the camera: only the pauses of a rest are as long as two of its periods, not those
-    # of a busy computer
+    # slower than the camera: only a rest pauses for two of its periods, not a busy computer
     exposure = Exposure(frame_rate=2.0, seconds=0.001)
     capture = Capture(camera, exposure, lambda image: None, wanted=lambda: wanted[0])
     capture.start()
