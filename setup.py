@@ -94,6 +94,7 @@ setup(
     install_requires=[
         'alembic>=1.13',
         'click>=8.1',
+        'fast-simplification>=0.2',
         'matplotlib>=3.6',
         'mcap>=1.1',
         'numpy>=1.26',
@@ -124,8 +125,6 @@ setup(
         'dask': ['distributed>=2024.1'],
         # no wheels for ARM
         '3mf': ['lib3mf>=2.3'],
-        # no key in rosdep
-        'decimate': ['fast-simplification>=0.2'],
         # what traces the pictures of `make bench NAME=metal`; needs libLLVM 16 or later
         'bench': ['mitsuba>=3.5'],
         # what builds docs/
@@ -140,7 +139,6 @@ setup(
             'asyncua>=1.1',
             'build>=1.0',
             'colcon-common-extensions>=0.3',
-            'fast-simplification>=0.2',
             'distributed>=2024.1',
             'hypothesis>=6.100',
             'jsonschema>=4.18',

@@ -60,16 +60,17 @@ def build_mesh(
             mesh = poisson(samples, voxel, max_edge, settings)
         else:
             mesh = integrate(samples, voxel, settings)
-    points = sum(int(np.count_nonzero(view.valid)) for view in views)
-    return decimate(mesh, _tolerance(views, settings), _FACES_PER_POINT * points)[0]
+    return _decimated(mesh, views, settings)
 
 
-def _tolerance(views: Sequence[View], settings: MeshSettings) -> float:
-    """Return the greatest deviation of the decimated mesh, meters; 0.0 for no decimation."""
+def _decimated(mesh: Mesh, views: Sequence[View], settings: MeshSettings) -> Mesh:
+    """Return the mesh with as few faces as ``decimate`` allows, or not many more than points."""
     if settings.decimate or settings.method != 'integrate':
-        return settings.decimate
+        return decimate(mesh, settings.decimate)[0]
     known = np.concatenate([view.sigma[np.isfinite(view.sigma)] for view in views])
-    return settings.decimate_sigmas * float(np.median(known)) if len(known) else 0.0
+    tolerance = settings.decimate_sigmas * float(np.median(known)) if len(known) else 0.0
+    points = sum(int(np.count_nonzero(view.valid)) for view in views)
+    return decimate(mesh, tolerance, _FACES_PER_POINT * points)[0]
 
 
 def default_max_edge(views: Sequence[View]) -> float:

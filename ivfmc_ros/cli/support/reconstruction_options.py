@@ -14,6 +14,7 @@ from ivfmc_ros.cli.support.quantities import length
 from ivfmc_ros.image_bits import UNKNOWN
 from ivfmc_ros.meshing.io.export import UNITS
 from ivfmc_ros.meshing.settings import CLOSINGS
+from ivfmc_ros.meshing.settings import DECIMATE_SIGMAS
 from ivfmc_ros.meshing.settings import MeshSettings
 from ivfmc_ros.meshing.settings import METHODS as MESH_METHODS
 from ivfmc_ros.pipeline import Settings
@@ -74,15 +75,15 @@ _OPTIONS = (
     click.option('--close', type=click.Choice(CLOSINGS), default='none', show_default=True,
                  help='What is filled where nothing was measured; such triangles are marked.'),
     click.option('--voxel', type=length(0.0),
-                 help='Edge of a voxel of the mesh.  [default: the point spacing]'),
+                 help='Edge of a voxel of the mesh.  [default: 0.6 point spacings]'),
     click.option('--smoothing', type=int, default=6, show_default=True, metavar='ROUNDS',
                  help='Rounds of bilateral normal filtering of the mesh.'),
     click.option('--decimate', type=length(0.0), default='0mm', show_default=True,
                  help='Largest deviation of the decimated mesh; 0: by --decimate-sigmas.'),
-    click.option('--decimate-sigmas', type=click.FloatRange(0.0, 100.0), default=0.0,
+    click.option('--decimate-sigmas', type=click.FloatRange(0.0, 100.0), default=DECIMATE_SIGMAS,
                  show_default=True,
                  help='Largest deviation of the decimated mesh in median standard deviations of '
-                      'the points, such as 0.25; 0 keeps all triangles.'),
+                      'the points, until it has two triangles a point; 0 keeps all triangles.'),
     click.option('--unit', type=click.Choice(list(UNITS)), default='mm', show_default=True,
                  help='Unit of the mesh files.'),
 )  # fmt: skip

@@ -28,6 +28,9 @@ from ivfmc_ros.surface import Surface
 # The first attempt has this limit, in tolerances; the next half of it where the result is no sound
 # mesh or too far from the full one, or twice of it where it is near and has too many faces.
 _FIRST_LIMIT, _MAX_ATTEMPTS = 1.5, 3
+# First limit where ``enough`` faces will do: vertices stay about a point spacing apart, so that
+# each carries the sigma of its place (demo part: 99 % of the edges below 1.1 mm, not 1.6 mm).
+_GENTLE_LIMIT = 0.5
 # Share of the tolerance below which a result is near.
 _NEAR = 0.5
 # Meters; vertices of a border that came back from the library are this near to what they were.
@@ -56,14 +59,15 @@ def decimate(mesh: Mesh, tolerance: float, enough: int = 0) -> tuple[Mesh, float
     no 2-manifold, is discarded.
 
     tolerance : meters
-    enough : number of faces below which no further attempt is made
+    enough : number of faces that will do, so that the attempts begin with a small part of the
+        tolerance and end there; 0 for as few faces as the tolerance allows
     returns : the decimated mesh, and its largest deviation from ``mesh``, meters; the given mesh
         and 0.0 where nothing can be decimated
     """
     if len(mesh.faces) < _MIN_FACES or not tolerance > 0.0:
         return mesh, 0.0
     best, error = None, 0.0
-    limit = _FIRST_LIMIT * tolerance
+    limit = (_GENTLE_LIMIT if enough else _FIRST_LIMIT) * tolerance
     for _ in range(_MAX_ATTEMPTS):
         made = _collapsed(mesh, limit)
         if len(made.faces) >= len(mesh.faces):
