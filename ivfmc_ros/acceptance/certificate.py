@@ -26,7 +26,8 @@ _NOTES = (
     'compares the error with both, at most 1 confirms the statement.',
     'Verdicts by ISO 14253-1 with the uncertainty of the test value (ISO 14253-5). '
     'Characteristics after VDI/VDE 2634 part 3 and ISO 10360-13 in reduced extent: one artifact '
-    'in the positions scanned, the merged mesh as point set, 3 per mille of the points left out.',
+    'in the positions scanned, the merged mesh as point set without vertices whose stated U is '
+    'above the limit; the form leaves out 3 per mille of the points (VDI/VDE), D95% 5 % (ISO).',
 )
 
 
@@ -74,7 +75,9 @@ def _page(check: Check, document: Mapping[str, Any]) -> Any:
 
 def _facts(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     coverage = ', '.join(f'{share:.0%}' for share in document['coverage'])
-    measured = f'{document["points"]} points'
+    measured = f'{document["points"]}'
+    if document['left_out']:
+        measured += f'; {document["left_out"]:.0%} left out, whose own U is above the limit'
     return [
         ('artifact', f'{document["artifact"]}, u = {document["artifact_u_m"] * 1e6:.2g} um'),
         ('date', document['created']),

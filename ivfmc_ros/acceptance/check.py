@@ -19,6 +19,7 @@ from ivfmc_ros.acceptance.find_planes import find_plate
 from ivfmc_ros.acceptance.find_planes import find_step
 from ivfmc_ros.acceptance.find_spheres import find_spheres
 from ivfmc_ros.acceptance.find_spheres import FoundSphere
+from ivfmc_ros.acceptance.points import MeasuredPoints
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.scale import scale_u
 from ivfmc_ros.inspection.conditions import Conditions
@@ -35,6 +36,8 @@ from ivfmc_ros.validation import require_in_range
 
 # Share of the points that a form error may leave out (VDI/VDE 2634-3: at most 3 per mille).
 _DISCARDED = 0.003
+# Share of the points that a dispersion holds (ISO 10360-13, D95 %).
+_DISPERSION = 0.95
 # Points per sphere or plane by which the uncertainty of the calibration is propagated.
 _MAX_POINTS = 1500
 _COVERAGE_FACTOR = 2.0  # of expanded uncertainties: 95 %
@@ -53,6 +56,12 @@ class Limits:
     def __post_init__(self) -> None:
         for name in ('form', 'size', 'distance', 'flatness', 'step'):
             require_in_range(f'limit: {name}', getattr(self, name), 0.0, 0.1, 'm', open_low=True)
+
+    def max_u(self, artifact: Artifact) -> float:
+        """Return the greatest U (meters, k = 2) of a point by which an artifact is judged."""
+        if artifact.spheres:
+            return self.form
+        return self.flatness if artifact.kind == 'plate' else self.step
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,6 +109,7 @@ class Check:
 
     points_xyz, deviations : (n, 3) and (n,) meters, of the points of spheres or planes
     coverage : share of the surface of each sphere that was measured
+    left_out : share of the measured vertices whose own U is too large to judge by
     """
 
     artifact: Artifact
@@ -107,6 +117,7 @@ class Check:
     points_xyz: Floats
     deviations: Floats
     coverage: tuple[float, ...] = ()
+    left_out: float = 0.0
     conditions: Conditions = field(default_factory=Conditions)
 
     @property
@@ -122,6 +133,8 @@ class Check:
 class _Scan:
     points: Floats
     normals: Floats
+    systematic: Floats | None
+    left_out: float
     artifact: Artifact
     limits: Limits
     conditions: Conditions
@@ -149,11 +162,24 @@ class _Scan:
         relative_u = scale_u(self.cell.notes, self.cell.covariance)
         return float(np.hypot(u, length * (relative_u or 0.0)))
 
+    def u_size(self, sphere: FoundSphere) -> float | None:
+        """
+        Return what calibration and points state for the diameter of a sphere.
+
+        All points of a sphere may be off to the same side by what their sheet's thickness leaves.
+        """
+        u = self.u_cell(
+            [sphere.rows], lambda xyz: fit('sphere', xyz[0]).diameter, self.artifact.diameter
+        )
+        if u is None or self.systematic is None:
+            return u
+        shared = 2.0 * float(self.systematic[sphere.rows].mean())
+        return float(np.hypot(u, shared)) if np.isfinite(shared) else None
+
 
 def check_artifact(
     artifact: Artifact,
-    points_xyz: Floats,
-    normals: Floats,
+    measured: MeasuredPoints,
     *,
     limits: Limits | None = None,
     conditions: Conditions | None = None,
@@ -162,15 +188,17 @@ def check_artifact(
     """
     Measure an artifact in a scan and judge the cell.
 
-    points_xyz, normals : (n, 3) meters in ``turntable`` and outward unit normals
+    measured : the points of the scan
     conditions : temperature and expansion of the artifact
     cell : whose covariances state the uncertainty to be proved; None if unknown
     :raises GeometryError: the scan does not show the artifact
     """
     conditions = conditions or Conditions()
     scan = _Scan(
-        points=points_xyz * conditions.to_reference,
-        normals=normals,
+        points=measured.points_xyz * conditions.to_reference,
+        normals=measured.normals,
+        systematic=measured.systematic,
+        left_out=measured.left_out,
         artifact=artifact,
         limits=limits or Limits(),
         conditions=conditions,
@@ -196,6 +224,7 @@ def _check_spheres(scan: _Scan) -> Check:
         points_xyz=scan.points[rows],
         deviations=np.concatenate([_radial(scan, sphere) for sphere in found]),
         coverage=tuple(sphere.coverage for sphere in found),
+        left_out=scan.left_out,
         conditions=scan.conditions,
     )
 
@@ -213,14 +242,19 @@ def _sphere_errors(scan: _Scan, sphere: FoundSphere, suffix: str) -> list[Charac
             u_cell=scan.u_cell([sphere.rows], lambda xyz: _sphere_form(xyz[0]), 0.0),
         ),
         Characteristic(
+            name=f'probing dispersion, 95 %{suffix}',
+            symbol='PD (P_Form.Sph.D95%)',
+            value=dispersion(radial),
+            limit=scan.limits.form,
+            u_test=scan.u_test(0.0),
+        ),
+        Characteristic(
             name=f'probing size error{suffix}',
             symbol='PS (P_Size.Sph)',
             value=size,
             limit=scan.limits.size,
             u_test=scan.u_test(diameter),
-            u_cell=scan.u_cell(
-                [sphere.rows], lambda xyz: fit('sphere', xyz[0]).diameter, diameter
-            ),
+            u_cell=scan.u_size(sphere),
             measured=sphere.diameter,
             nominal=diameter,
         ),
@@ -280,6 +314,7 @@ def _check_plate(scan: _Scan) -> Check:
         characteristics=(flat,),
         points_xyz=scan.points[plane.rows],
         deviations=heights,
+        left_out=scan.left_out,
         conditions=scan.conditions,
     )
 
@@ -310,8 +345,16 @@ def _check_step(scan: _Scan) -> Check:
         characteristics=(step,),
         points_xyz=scan.points[rows],
         deviations=np.concatenate(off),
+        left_out=scan.left_out,
         conditions=scan.conditions,
     )
+
+
+def dispersion(deviations: Floats) -> float:
+    """Return the smallest width that holds 95 % of the deviations (n,) (ISO 10360-13, D95 %)."""
+    ordered = np.sort(deviations)
+    count = int(np.ceil(_DISPERSION * len(ordered)))
+    return float((ordered[count - 1 :] - ordered[: len(ordered) - count + 1]).min())
 
 
 def form_error(deviations: Floats) -> float:

@@ -33,6 +33,7 @@ def check_document(check: Check, calibration: str, source: str) -> dict[str, Any
         'expansion_per_k': conditions.expansion,
         'points': len(check.points_xyz),
         'coverage': list(check.coverage),
+        'left_out': check.left_out,
         'characteristics': [_characteristic(one) for one in check.characteristics],
         'verdict': check.verdict,
     }

@@ -22,6 +22,7 @@ from ivfmc_ros.acceptance.artifact import parse_artifact
 from ivfmc_ros.acceptance.certificate import write_certificate
 from ivfmc_ros.acceptance.check import Check
 from ivfmc_ros.acceptance.check import check_artifact
+from ivfmc_ros.acceptance.check import Limits
 from ivfmc_ros.acceptance.points import measured_points
 from ivfmc_ros.acceptance.record import check_document
 from ivfmc_ros.cell.calibration_id import calibration_id
@@ -47,7 +48,7 @@ def artifact_rows(found: Calibrated) -> Iterator[Number]:
     mapped(render, ball_bar_jobs())
     check = ball_bar_check(found.joint)
     write_page(check, found.joint)
-    bars = {'PF': _FORM, 'PS': _SIZE, 'SD': _DISTANCE}
+    bars = {'PF': _FORM, 'PD': _FORM, 'PS': _SIZE, 'SD': _DISTANCE}
     for one in check.characteristics:
         bar = bars[one.symbol.split()[0]]
         stated = 'none' if one.u_cell is None else f'{2e3 * one.u_cell:.4f} mm'
@@ -85,7 +86,8 @@ def ball_bar_check(cell: Cell) -> Check:
             seq += 1
     made = reconstruct_profiles(cell, profiles)
     artifact = parse_artifact(ARTIFACT, u=0.5e-6)
-    return check_artifact(artifact, *measured_points(made.mesh), cell=cell)
+    points = measured_points(made.mesh, Limits().max_u(artifact))
+    return check_artifact(artifact, points, cell=cell)
 
 
 def _profile(cell: Cell, laser: int, stripe: Stripe, angle: float, seq: int) -> Profile:

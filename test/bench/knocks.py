@@ -17,6 +17,7 @@ from bench import at_most
 from bench import Number
 from ivfmc_ros.acceptance.artifact import parse_artifact
 from ivfmc_ros.acceptance.check import check_artifact
+from ivfmc_ros.acceptance.points import MeasuredPoints
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.simulation.bench import bench_cell
 
@@ -82,7 +83,7 @@ def knocked() -> Iterator[Number]:
 def _seen(calibrated: Cell, true: Cell) -> tuple[bool, bool, str]:
     """Return whether the check fails, whether the lasers disagree, and the figures, mm."""
     points, normals = ball_bar_points(true, calibrated)
-    check = check_artifact(_BAR, points, normals)
+    check = check_artifact(_BAR, MeasuredPoints(points_xyz=points, normals=normals))
     apart = _laser_distance(calibrated, true)
     figures = ', '.join(
         f'{one.symbol.split()[0]} {one.value * 1e3:.3f}' for one in check.characteristics

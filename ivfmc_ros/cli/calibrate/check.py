@@ -16,6 +16,8 @@ from ivfmc_ros.acceptance.check import Check
 from ivfmc_ros.acceptance.check import check_artifact
 from ivfmc_ros.acceptance.check import Limits
 from ivfmc_ros.acceptance.points import measured_points
+from ivfmc_ros.acceptance.points import MeasuredPoints
+from ivfmc_ros.acceptance.points import points_of_file
 from ivfmc_ros.acceptance.record import check_document
 from ivfmc_ros.acceptance.record import write_record
 from ivfmc_ros.acceptance.state import record_path
@@ -38,9 +40,7 @@ from ivfmc_ros.inspection.mesh_file import read_mesh
 from ivfmc_ros.inspection.mesh_file import SUFFIXES
 from ivfmc_ros.inspection.verdict import FAIL
 from ivfmc_ros.inspection.verdict import PASS
-from ivfmc_ros.meshing.geometry.normals import vertex_normals
 from ivfmc_ros.meshing.io.export import UNITS
-from ivfmc_ros.model import Floats
 from ivfmc_ros.pipeline import reconstruct
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 
@@ -101,11 +101,10 @@ def check(
         expansion=given['expansion'],
     )
     files.require_new_folder(output)
-    points, normals, cell = _points(source, given)
+    points, cell = _points(source, given, limits.max_u(artifact))
     result = check_artifact(
         artifact,
         points,
-        normals,
         limits=limits,
         conditions=conditions,
         cell=cell,
@@ -121,19 +120,20 @@ def check(
         sys.exit(_EXIT_CODES.get(result.verdict, _UNDECIDED))
 
 
-def _points(source: Path, given: dict[str, Any]) -> tuple[Floats, Floats, Cell | None]:
-    """Return points and normals of the scan, and the cell if it is known."""
+def _points(
+    source: Path, given: dict[str, Any], max_u: float
+) -> tuple[MeasuredPoints, Cell | None]:
+    """Return the points of the scan with a U of at most ``max_u``, and the cell if known."""
     if not source.exists():
         raise FileError(f'{source}: no mesh, bag or scan folder of this name')
     cell_file, camera_file = given['cell_file'], given['camera_file']
     if source.suffix.lower() in SUFFIXES:
         body = read_mesh(source, given['unit'])
-        normals = vertex_normals(body.vertices_xyz, body.faces)
-        return body.vertices_xyz, normals, _cell(cell_file, camera_file)
+        return points_of_file(body, max_u), _cell(cell_file, camera_file)
     scan, cell = read_scan(source, cell_file, camera_file, BagOptions())
     with progress_bars() as progress:
         made = reconstruct(cell, scan.frames(), total=scan.frame_count, progress=progress)
-    return *measured_points(made.mesh), cell
+    return measured_points(made.mesh, max_u), cell
 
 
 def _cell(cell_file: Path | None, camera_file: Path | None) -> Cell | None:
