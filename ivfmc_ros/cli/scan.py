@@ -22,6 +22,7 @@ from ivfmc_ros.cli.support.output import json_option
 from ivfmc_ros.cli.support.output import print_json
 from ivfmc_ros.cli.support.progress import ProgressLines
 from ivfmc_ros.cli.support.quantities import angle
+from ivfmc_ros.cli.support.quantities import duration
 from ivfmc_ros.cli.up import interrupted
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import ParameterError
@@ -56,6 +57,13 @@ _SILENCE_S = 5.0
     '--dark-frames/--no-dark-frames',
     default=None,
     help='Subtract a picture with all lasers off (step).',
+)
+@click.option(
+    '--exposure',
+    'exposures',
+    type=duration(1e-6, 1.0),
+    multiple=True,
+    help='Exposure time, such as 2ms; repeated, ascending: each sweep is taken with each of them.',
 )
 @click.option(
     '--laser', 'lasers', multiple=True, help='Laser to use; may be repeated (default: all).'

@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from ivfmc_ros.cell import transforms
+from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.inspection import features
 from ivfmc_ros.inspection.alignment import align
@@ -29,8 +30,8 @@ _MAX_DATUMS = 3
 _KINDS = ('plane', 'cylinder')
 # Greatest distance of a point from the nominal that belongs to a datum feature, meters.
 _MAX_DISTANCE = 2e-3
-# Points of a datum feature at most.
-_MAX_POINTS = 20_000
+# Points of a datum feature.
+_MIN_POINTS, _MAX_POINTS = 6, 20_000
 # Two directions at a smaller sine are parallel: the second determines no rotation (6 degrees).
 _MIN_SINE = 0.1
 _ROUNDS = 3  # the points of a feature depend on the alignment
@@ -66,9 +67,15 @@ def align_features(
         distance = edge_distance(nominal.vertices_xyz, nominal.faces, of_face, moved)
         good = (near.distance < _MAX_DISTANCE) & (distance > settings.edge)
         owner = np.where(good, of_face[near.faces], -1)
-        pairs = []
+        pairs: list[tuple[features.Feature, features.Feature]] = []
         for number, shape in datums:
             own = moved[owner == number]
+            if len(own) < _MIN_POINTS:
+                raise GeometryError(
+                    f'datums: {names[len(pairs)]!r} has {len(own)} measured vertices farther than '
+                    f'{1e3 * settings.edge:g} mm from its edges, {_MIN_POINTS} are needed; name '
+                    'another datum, scan in finer steps, or do not decimate the mesh'
+                )
             own = own[:: max(1, len(own) // _MAX_POINTS)]
             axis = shape.axis if shape.kind == 'cylinder' else None
             pairs.append((features.fit(shape.kind, own, axis), shape))

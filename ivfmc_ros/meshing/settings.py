@@ -11,9 +11,6 @@ from ivfmc_ros.validation import require_one_of
 
 METHODS = ('integrate', 'paper', 'poisson')
 CLOSINGS = ('none', 'base', 'all')
-_HAS_DECIMATION = find_spec('fast_simplification') is not None
-# A quarter of the noise of a point changes no figure that was measured with it.
-DECIMATE_SIGMAS = 0.25 if _HAS_DECIMATION else 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,8 +30,7 @@ class MeshSettings:
     decimate : greatest deviation of the decimated mesh from the full one; 0 for
         ``decimate_sigmas``
     decimate_sigmas : with method integrate the same, as a fraction of the median 1 sigma of the
-        points, and only until there are two faces a point; 0 for no decimation, which is the
-        default where fast-simplification is not installed
+        points, such as 0.25, and only until there are two faces a point; 0 for no decimation
     island : connected components with fewer triangles are dropped, and so are those with less than
         2 % of all triangles that are farther than 20 voxels from the rest
     floor : height of the platter in ``turntable``, where the standing face lies; None if the part
@@ -47,7 +43,7 @@ class MeshSettings:
     voxel: float | None = None
     smoothing: int = 6
     decimate: float = 0.0
-    decimate_sigmas: float = DECIMATE_SIGMAS
+    decimate_sigmas: float = 0.0
     island: int = 200
     floor: float | None = 0.0
 
@@ -60,7 +56,7 @@ class MeshSettings:
         require_in_range('smoothing', self.smoothing, 0, 200, 'iterations')
         require_in_range('decimate', self.decimate, 0.0, 0.1, 'm')
         require_in_range('decimate_sigmas', self.decimate_sigmas, 0.0, 100.0)
-        if (self.decimate or self.decimate_sigmas) and not _HAS_DECIMATION:
+        if (self.decimate or self.decimate_sigmas) and find_spec('fast_simplification') is None:
             raise ParameterError(
                 'decimate: needs fast-simplification, which is not installed: '
                 'pip install fast-simplification'

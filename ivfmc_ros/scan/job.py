@@ -60,6 +60,9 @@ class Tools(Protocol):
     async def measure_profile_rate(self, sweep: Sweep) -> float:
         """Return the rate of profiles, 1/s, with the present laser at standstill."""
 
+    async def expose(self, seconds: float) -> None:
+        """Set the exposure time of the images; return when images have it. 0: leave it."""
+
     async def trigger_camera(self, *, on: bool) -> None:
         """Start each exposure by the table's trigger, or at the camera's own rate."""
 
@@ -250,6 +253,7 @@ async def _sweep(sweep: Sweep, machine: StateMachine, motion: MotionLimits, tool
     await _wait_while_paused(machine, tools)
     # a laser left on would add profiles of the previous position to the new views
     tools.lasers_off()
+    await tools.expose(sweep.exposure)
     if sweep.velocity > 0.0:
         await _continuous_sweep(sweep, motion, tools)
     else:

@@ -11,6 +11,10 @@ queued motion has ended, so the laser cannot change during a move.
 A continuous sweep begins where the table stands: the first profile follows after the lead-in. Only
 the parts of a turn that is divided into several sweeps have their places relative to the first.
 
+Several exposure times are as many sweeps over the same angles: with one the stripe is clipped
+where the part is bright, with another it is lost in noise where it is dark, and the mesh weights
+the points of all by their sigma.
+
 Two lasers see a point at two table angles, which shows lost steps of the table. With one laser
 the last sweep goes on beyond the turn (``closure``): its end repeats the beginning of the first.
 
@@ -100,6 +104,7 @@ class Sweep:
     dark : take an image with all lasers off first at every stop
     turns : whole turns that were added to the planned start; negative after homing
     trigger_step : radians between the pulses on which the camera exposes; 0 if it runs freely
+    exposure : of the images, seconds; 0 for the camera's own
     retake_of : number of the sweep whose missing angles this one takes again
     """
 
@@ -114,6 +119,7 @@ class Sweep:
     turns: int = 0
     closing: int = 0
     trigger_step: float = 0.0
+    exposure: float = 0.0
     retake_of: int | None = None
 
     @classmethod
@@ -129,11 +135,12 @@ class Sweep:
                 for key, value in values.items()
             }
             sweep = cls(**fields)
-            numbers = (sweep.start, sweep.span, sweep.velocity, sweep.trigger_step)
+            numbers = (sweep.start, sweep.span, sweep.velocity, sweep.trigger_step, sweep.exposure)
             is_sound = (
                 all(math.isfinite(number) for number in numbers)
                 and min(sweep.profiles, len(sweep.lasers), len(sweep.views)) > 0
                 and sweep.span > 0.0
+                and sweep.exposure >= 0.0
                 and sum(view >= 0 for view in sweep.views) == len(sweep.lasers)
             )
         except (TypeError, ValueError, AttributeError) as error:
@@ -220,23 +227,24 @@ def make_plan(
     trigger_step = 0.0 if is_step else trigger_step
     request = _with_triggered_profiles(request, trigger_step)
     groups = [chosen] if is_step else [[one] for one in chosen]
-    # start of the first part of the turn, for each group of lasers
+    exposed = [(group, seconds) for group in groups for seconds in request.exposures or (0.0,)]
+    # start of the first part of the turn, for each group of lasers and exposure
     starts: list[float] = []
     sweeps: list[Sweep] = []
     for part in range(request.views):
-        closes = len(chosen) == 1 and part == request.views - 1
-        closing = _closing_profiles(request) if closes else 0
-        span = (share + request.overlap) * (1.0 + closing / request.profiles)
-        for number, group in enumerate(groups):
+        for number, (group, exposure) in enumerate(exposed):
+            is_last = part == request.views - 1 and number == len(exposed) - 1
+            closing = _closing_profiles(request) if len(chosen) == 1 and is_last else 0
             sweep = Sweep(
                 number=len(sweeps),
-                views=_view_numbers(part, group, chosen, lasers),
+                views=_view_numbers(sum(len(one.lasers) for one in sweeps), group, lasers),
                 lasers=tuple(group),
                 start=0.0,
-                span=span,
+                span=(share + request.overlap) * (1.0 + closing / request.profiles),
                 profiles=request.profiles + closing,
                 velocity=_velocity(request, motion, trigger_step),
                 trigger_step=trigger_step,
+                exposure=exposure,
                 dark=request.dark_frames and is_step,
                 closing=closing,
             )
@@ -276,11 +284,8 @@ def _chosen(requested: Sequence[str], lasers: Sequence[str]) -> list[str]:
     return [name for name in lasers if not requested or name in requested]
 
 
-def _view_numbers(
-    part: int, group: Sequence[str], chosen: Sequence[str], lasers: Sequence[str]
-) -> tuple[int, ...]:
-    first = part * len(chosen)
-    return tuple(first + chosen.index(name) if name in group else NOT_MEASURED for name in lasers)
+def _view_numbers(first: int, group: Sequence[str], lasers: Sequence[str]) -> tuple[int, ...]:
+    return tuple(first + group.index(name) if name in group else NOT_MEASURED for name in lasers)
 
 
 def _closing_profiles(request: ScanRequest) -> int:

@@ -157,6 +157,10 @@ def _scan(given: YamlMapping) -> dict[str, Any]:
 def _typed(given: YamlMapping, key: str, default: Any) -> Any:
     """Return a value of the type of its default; YAML has no tuples and reads 4e-5 as text."""
     value = given.required(key)
+    if key == 'exposures':
+        if not isinstance(value, list) or not all(type(item) in (int, float) for item in value):
+            raise given.error(key, 'must be a list of seconds')
+        return tuple(map(float, value))
     if isinstance(default, tuple):
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
             raise given.error(key, 'must be a list of names')

@@ -20,6 +20,8 @@ MOTIONS = ('continuous', 'step')
 # Upper limits of a request: one sweep per 10 degrees; 0.02 degrees between profiles.
 MAX_VIEWS = 36
 MAX_PROFILES = 20_000
+MAX_EXPOSURES = 5
+_EXPOSURE_RANGE = (1e-6, 1.0)  # seconds, that of the node camera
 
 # Part of a folder's name: no path separators, no shell metacharacters, no leading '.' or '-'.
 _NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]{0,62}')
@@ -40,6 +42,8 @@ class ScanRequest:
     motion : 'step' (turn, settle, expose) or 'continuous' (expose during one move per sweep)
     lasers : names of the lasers to use; empty for all of the cell
     dark_frames : in step motion, take an image with all lasers off at every stop, to be subtracted
+    exposures : exposure times in seconds, ascending: every sweep is taken with each of them, as a
+        view of its own; empty for the camera's own
     formats : formats of the mesh files
     export_unit : length unit of the mesh files: m, mm or inch
     """
@@ -53,6 +57,7 @@ class ScanRequest:
     motion: str = 'continuous'
     lasers: tuple[str, ...] = ()
     dark_frames: bool = False
+    exposures: tuple[float, ...] = ()
     formats: tuple[str, ...] = ('stl', 'ply')
     export_unit: str = 'mm'
 
@@ -66,11 +71,20 @@ class ScanRequest:
         require_in_range('closure', self.closure, 0.0, math.pi, 'rad')
         require_one_of('motion', self.motion, MOTIONS)
         require_one_of('export_unit', self.export_unit, UNITS)
+        self._require_exposures()
         require_formats(self.formats)
         if not self.formats:
             raise ParameterError(f'formats: is empty; known are {", ".join(FORMATS)}')
         if len(set(self.lasers)) != len(self.lasers):
             raise ParameterError(f'lasers: a name occurs twice ({", ".join(self.lasers)})')
+
+    def _require_exposures(self) -> None:
+        for seconds in self.exposures:
+            require_in_range('exposures', seconds, *_EXPOSURE_RANGE, 's')
+        if list(self.exposures) != sorted(set(self.exposures)):
+            raise ParameterError('exposures: must ascend, such as 0.002, 0.008')
+        if len(self.exposures) > MAX_EXPOSURES:
+            raise ParameterError(f'exposures: {len(self.exposures)} are more than {MAX_EXPOSURES}')
 
     def as_dict(self) -> dict[str, Any]:
         """Return the request as JSON-serializable values."""

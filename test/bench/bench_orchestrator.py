@@ -43,6 +43,8 @@ IDLE_S = 60.0
 # Seconds in which a triangulator that does not rest has another image.
 _REST_S = 5.0
 SCAN_S = 900.0
+# A mesh as fine as the data; off by default.
+DECIMATE_SIGMAS = 0.25
 # Profiles of each of the two views: the demo, and a scan of about 500,000 points.
 DEMO, LARGE = 200, 400
 # Pictures a second of a camera that does not render them.
@@ -57,6 +59,8 @@ def run() -> Iterator[Number]:
             '--simulate',
             '--set',
             'triangulator.volume.bottom=0.0005',
+            '--set',
+            f'mesher.mesh.decimate_sigmas={DECIMATE_SIGMAS}',
         )
         client = Client()
         client.status = client.collect(DiagnosticStatus, 'scan_status')

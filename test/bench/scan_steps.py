@@ -18,6 +18,7 @@ from ivfmc_ros.inspection.reports.scan_page import mesh_figures
 from ivfmc_ros.meshing import build
 from ivfmc_ros.meshing.filters.vertex_clustering import cluster_vertices
 from ivfmc_ros.meshing.io import export
+from ivfmc_ros.meshing.settings import MeshSettings
 from ivfmc_ros.registration.misfit import laser_misfit
 from ivfmc_ros.registration.slip import check_registration
 from ivfmc_ros.simulation.bench import bench_cell
@@ -52,9 +53,12 @@ class Steps:
 
 
 def scan_steps() -> Iterator[Number]:
-    """Demo part, 200 steps, two lasers: the default settings."""
+    """Demo part, 200 steps, two lasers: the default settings, decimated within sigma / 4."""
     cell = with_sheet_thickness(bench_cell(), Optics())
-    settings = pipeline.Settings(acquisition=AcquisitionSettings(volume=Volume(bottom=0.5e-3)))
+    settings = pipeline.Settings(
+        acquisition=AcquisitionSettings(volume=Volume(bottom=0.5e-3)),
+        mesh=MeshSettings(decimate_sigmas=0.25),
+    )
     frames = simulate_scan(cell, demo_part(), STEPS, seed=3)
     profiles = pipeline.measure_profiles(cell, frames, settings)
     points = sum(len(profile) for profile in profiles)

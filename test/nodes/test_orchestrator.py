@@ -32,6 +32,7 @@ PARAMETERS = {
     'motion': 'step',
     'profiles': 3,
     'lasers': [''],
+    'exposures': [0.0],
     'velocity': 20.0,
     'acceleration': 200.0,
     'profile_patience': 20.0,
@@ -556,3 +557,45 @@ def test_cell_with_a_trigger_refuses_a_camera_without_a_line(
         success, answer = client.trigger('scan', 60.0)
     assert (success, answer['code']) == (False, 'BAD_PARAMETER')
     assert 'no trigger line' in answer['detail']
+
+
+def test_scan_with_several_exposures_leaves_that_of_the_camera(client, fake, orchestrator):
+    fake.add_camera('')
+    client.set('orchestrator', exposures=[0.002, 0.02])
+    success, answer = client.trigger('scan', 60.0)
+    assert success, answer
+    assert answer['counts'] == {**answer['counts'], 'views': 4, 'profiles': 12}
+    # tried before the table turns, then one for each sweep, then as it was
+    assert fake.exposed == [0.002, 0.02, 0.002, 0.02, 0.005]
+    assert fake.parameter('triangulator', 'exposure') == 0.01
+
+
+def test_cancelled_scan_leaves_the_exposure_of_the_camera(client, fake, orchestrator):
+    fake.add_camera('')
+    client.set('orchestrator', exposures=[0.02], profiles=50)
+    assert client.trigger('start_scan')[0]
+    client.until(lambda: len(fake.exposed) == 2, 30.0, 'not exposed')
+    assert client.trigger('cancel')[0]
+    await_stage(client, 'CANCELLED')
+    assert fake.exposed == [0.02, 0.02, 0.005]
+    assert fake.parameter('triangulator', 'exposure') == 0.01
+
+
+def test_exposure_that_the_camera_refuses_ends_the_scan_before_it_moves(
+    client, fake, orchestrator
+):
+    fake.add_camera('')
+    before = fake.position
+    client.set('orchestrator', exposures=[0.002, 0.2])
+    success, answer = client.trigger('scan', 60.0)
+    assert (success, answer['code']) == (False, 'BAD_PARAMETER')
+    assert 'longer than a period' in answer['detail']
+    assert fake.position == before
+    assert fake.exposed[-1] == 0.005
+
+
+def test_exposures_need_a_camera_that_takes_them(client, fake, orchestrator):
+    client.set('orchestrator', exposures=[0.002])
+    success, answer = client.trigger('scan', 120.0)
+    assert (success, answer['code']) == (False, 'BAD_PARAMETER')
+    assert 'no parameter exposure' in answer['detail']

@@ -45,6 +45,10 @@ class FakeTools:
     async def move(self, position, velocity):
         self._do('move', round(position, 6), round(velocity, 6))
 
+    async def expose(self, seconds):
+        if seconds:
+            self._do('expose', seconds)
+
     async def laser_on(self, laser):
         self.lit = laser
         self._do('light', laser)
@@ -162,6 +166,18 @@ def test_scan_is_cancelled_while_its_mesh_is_judged():
     assert outcome.code == 'CANCELLED'
     assert stages[-2:] == [Stage.INSPECTING, Stage.CANCELLED]
     assert 'finish' not in tools.names()
+
+
+@pytest.mark.parametrize('motion', ['step', 'continuous'])
+def test_exposure_is_set_before_each_sweep_and_its_lasers(motion):
+    tools, outcome, _ = run(motion=motion, profiles=100, lasers=('left',), exposures=(2e-3, 8e-3))
+    assert outcome.code == 'OK'
+    assert [what[1] for what in tools.done if what[0] == 'expose'] == [2e-3, 8e-3]
+    for index, name in enumerate(tools.names()):
+        if name == 'expose':
+            following = tools.names()[index + 1 :]
+            assert following[0] == 'move'
+            assert 'light' in following
 
 
 def test_dark_frame_comes_first_at_every_stop():

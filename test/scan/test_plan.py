@@ -38,6 +38,31 @@ def test_each_laser_takes_a_sweep_in_continuous_motion():
     assert made.sweeps[0].velocity == pytest.approx(TURN / 200 * 10.0)
 
 
+@pytest.mark.parametrize(
+    ('motion', 'views'),
+    [('continuous', [(0, -1), (1, -1), (-1, 2), (-1, 3)]), ('step', [(0, 1), (2, 3)])],
+)
+def test_every_exposure_is_a_sweep_of_its_own(motion, views):
+    made = plan(motion=motion, exposures=(0.002, 0.008))
+    assert [sweep.views for sweep in made.sweeps] == views
+    assert [sweep.exposure for sweep in made.sweeps] == [0.002, 0.008] * (len(views) // 2)
+    assert [sweep.number for sweep in made.sweeps] == list(range(len(views)))
+
+
+@pytest.mark.parametrize('views', [1, 3])
+def test_sweeps_of_several_exposures_cover_the_same_turn(views):
+    made = plan(lasers=('right',), views=views, exposures=(0.002, 0.008), overlap=0.1)
+    for first, second in zip(made.sweeps[::2], made.sweeps[1::2], strict=True):
+        assert (first.exposure, second.exposure) == (0.002, 0.008)
+        assert second.start > first.start
+    ends = [sweep.closing > 0 for sweep in made.sweeps]
+    # the end of the last sweep is compared with the beginning of the turn
+    assert ends == [False] * (2 * views - 1) + [True]
+    for sweeps in (made.sweeps[::2], made.sweeps[1::2]):
+        begins = [(sweep.start - sweeps[0].start) % TURN for sweep in sweeps]
+        assert begins == pytest.approx([part * TURN / views for part in range(views)])
+
+
 def test_one_laser_keeps_its_place_in_the_cell():
     assert [sweep.views for sweep in plan(lasers=('right',)).sweeps] == [(-1, 0)]
 
@@ -231,7 +256,8 @@ def test_sweep_is_the_same_after_it_was_stored(motion):
 @pytest.mark.parametrize(
     'change',
     [{'start': math.nan}, {'span': '1'}, {'profiles': 0}, {'views': [-1, -1]}, {'lasers': 3},
-     {'unknown': 1}, {'span': -1.0}],
+     {'unknown': 1}, {'span': -1.0},
+     {'exposure': -1.0}, {'exposure': math.nan}],
 )  # fmt: skip
 def test_stored_values_that_are_no_sweep_are_refused(change):
     sweep = plan(lasers=('left',)).sweeps[0]

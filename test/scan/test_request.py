@@ -41,6 +41,12 @@ def test_invalid_recipe_name_is_refused():
         ({'formats': ()}, 'formats'),
         ({'export_unit': 'ell'}, 'export_unit'),
         ({'lasers': ('left', 'left')}, 'lasers'),
+        ({'exposures': (0.0,)}, 'exposures'),
+        ({'exposures': (0.002, math.nan)}, 'exposures'),
+        ({'exposures': (1.5,)}, 'exposures'),
+        ({'exposures': (0.008, 0.002)}, 'exposures'),
+        ({'exposures': (0.002, 0.002)}, 'exposures'),
+        ({'exposures': (1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3)}, 'exposures'),
     ],
 )
 def test_value_out_of_range_is_refused_by_its_name(values, key):

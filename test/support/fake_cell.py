@@ -36,6 +36,8 @@ from ivfmc_ros.storage.messages import cdr
 from support.synthetic import small_cell
 
 HELPERS = ('triangulator', 'registrar', 'mesher', 'recorder')
+# Seconds; the camera of the fake cell refuses what is longer than its period.
+LONGEST_EXPOSURE = 0.05
 
 
 class FakeCell:
@@ -76,6 +78,7 @@ class FakeCell:
         self.stands_from = float('inf')
         self.stalls = []
         self.triggered = []
+        self.exposed = []
         self.motion = (0.0, 0.0, 0.0, 0.0)  # start and target in radians, begin and end in seconds
         self.seq = 0
         self.last = {}
@@ -106,9 +109,14 @@ class FakeCell:
         node = Node('camera', namespace='/ivfmc', context=self.client.context)
         node.declare_parameter('trigger', trigger)
         node.declare_parameter('triggered', True)
+        node.declare_parameter('exposure', 0.005)
 
         def note(parameters):
             self.triggered += [p.value for p in parameters if p.name == 'triggered']
+            exposed = [p.value for p in parameters if p.name == 'exposure']
+            if max(exposed, default=0.0) > LONGEST_EXPOSURE:
+                return SetParametersResult(successful=False, reason='longer than a period')
+            self.exposed += exposed
             return SetParametersResult(successful=True)
 
         node.add_on_set_parameters_callback(note)
@@ -150,6 +158,7 @@ class FakeCell:
         node.declare_parameter('working_top', 0.0)
         node.declare_parameter('volume.radius', 0.055)
         node.declare_parameter('volume.top', 0.09)
+        node.declare_parameter('exposure', 0.01)
         # a hanging service must not delay the others
         group = ReentrantCallbackGroup()
         for service in ('reset', 'load', 'register', 'build', 'start', 'stop', 'cancel'):

@@ -244,6 +244,9 @@ class RenderedCell:
         """Switch all lasers off."""
         self._laser = None
 
+    async def expose(self, seconds: float) -> None:
+        """All images have one exposure time."""
+
     async def measure_profile_rate(self, sweep: Sweep) -> float:
         """Return the planned rate of profiles, 1/s."""
         return self._motion.profile_rate

@@ -1,6 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Option types for lengths and angles: a bare number is in mm or degrees, a unit may be given."""
+"""Option types with units: a bare number is in mm, degrees or ms."""
 
 from collections.abc import Mapping
 import math
@@ -30,6 +30,12 @@ _RADIANS = {
     '°': math.pi / 180.0,
     'rad': 1.0,
     'mrad': 1e-3,
+}
+_SECONDS = {
+    'ms': 1e-3,
+    's': 1.0,
+    'us': 1e-6,
+    'µs': 1e-6,
 }
 
 
@@ -93,6 +99,11 @@ def length(low: float = -math.inf, high: float = math.inf) -> Quantity:
 def angle(low: float = -math.inf, high: float = math.inf) -> Quantity:
     """Option type of an angle; bounds in radians."""
     return Quantity('angle', _RADIANS, low, high)
+
+
+def duration(low: float = -math.inf, high: float = math.inf) -> Quantity:
+    """Option type of a duration; bounds in seconds."""
+    return Quantity('duration', _SECONDS, low, high)
 
 
 def parse_angle(text: str) -> float:

@@ -14,7 +14,6 @@ from ivfmc_ros.cli.support.quantities import length
 from ivfmc_ros.image_bits import UNKNOWN
 from ivfmc_ros.meshing.io.export import UNITS
 from ivfmc_ros.meshing.settings import CLOSINGS
-from ivfmc_ros.meshing.settings import DECIMATE_SIGMAS
 from ivfmc_ros.meshing.settings import MeshSettings
 from ivfmc_ros.meshing.settings import METHODS as MESH_METHODS
 from ivfmc_ros.pipeline import Settings
@@ -80,10 +79,10 @@ _OPTIONS = (
                  help='Rounds of bilateral normal filtering of the mesh.'),
     click.option('--decimate', type=length(0.0), default='0mm', show_default=True,
                  help='Largest deviation of the decimated mesh; 0: by --decimate-sigmas.'),
-    click.option('--decimate-sigmas', type=click.FloatRange(0.0, 100.0), default=DECIMATE_SIGMAS,
+    click.option('--decimate-sigmas', type=click.FloatRange(0.0, 100.0), default=0.0,
                  show_default=True,
                  help='Largest deviation of the decimated mesh in median standard deviations of '
-                      'the points, until it has two triangles a point; 0 keeps all triangles.'),
+                      'the points, such as 0.25, until two triangles a point are left; 0: none.'),
     click.option('--unit', type=click.Choice(list(UNITS)), default='mm', show_default=True,
                  help='Unit of the mesh files.'),
 )  # fmt: skip

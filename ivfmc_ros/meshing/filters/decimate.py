@@ -64,7 +64,7 @@ def decimate(mesh: Mesh, tolerance: float, enough: int = 0) -> tuple[Mesh, float
     returns : the decimated mesh, and its largest deviation from ``mesh``, meters; the given mesh
         and 0.0 where nothing can be decimated
     """
-    if len(mesh.faces) < _MIN_FACES or not tolerance > 0.0:
+    if len(mesh.faces) < max(_MIN_FACES, enough) or not tolerance > 0.0:
         return mesh, 0.0
     best, error = None, 0.0
     limit = (_GENTLE_LIMIT if enough else _FIRST_LIMIT) * tolerance

@@ -104,7 +104,14 @@ class GraphTools:
         self._beam = BeamControl(node, link, self._until, context.patience, context.scan_id)
         self._profiles = ProfileWait(link, self._until, context.patience)
         triggered = any(sweep.trigger_step for sweep in context.plan.sweeps)
-        self._camera = CameraControl(node, services, self._until, self._guard, triggered=triggered)
+        self._camera = CameraControl(
+            node,
+            services,
+            self._until,
+            self._guard,
+            triggered=triggered,
+            exposures=[sweep.exposure for sweep in context.plan.sweeps],
+        )
         self._standstill = Standstill()
         self.bag: Mapping[str, Any] = {}
         self.has_figures = False
@@ -140,6 +147,7 @@ class GraphTools:
             self._link.take_over(resumed.taken)
             await self._services.trigger('registrar/load', _LOAD_S, self._guard)
         self.camera_info = await self._camera.first_info()
+        await self._camera.require_exposures()
         if resumed is not None:
             resumed.require_camera(to_camera(self.camera_info))
             await self._stop_table()
@@ -235,6 +243,10 @@ class GraphTools:
             )
         return rate
 
+    async def expose(self, seconds: float) -> None:
+        """Set the exposure time of the images; return when images have it. 0: leave it."""
+        await self._camera.expose(seconds)
+
     async def trigger_camera(self, *, on: bool) -> None:
         """Start each exposure by the table's trigger, or at the camera's own rate."""
         await self._camera.trigger(on=on)
@@ -275,6 +287,7 @@ class GraphTools:
         await self._until(complete, _FLUSH_S, 'the recorder to write all profiles', NOT_RECORDED)
         # dark images during meshing would be most of the bag
         await self._set('recorder', {'pictures': False})
+        await self._log_error(self._camera.release())
         # camera and table are not needed any more
         self._guard.needs_images = False
         self._guard.watched = ['registrar', 'mesher', 'recorder']

@@ -79,6 +79,7 @@ class ScanParameters:
 def declare_scan_parameters(node: CellNode) -> ScanParameters:
     """Declare all parameters of a scan; values that make no valid request are rejected."""
     _declare_request(node)
+    _declare_light(node)
     _declare_recipe(node)
     _declare_motion(node)
     _declare_completeness(node)
@@ -132,12 +133,6 @@ def _declare_request(node: CellNode) -> None:
         'step: turn, settle, take images; continuous: one motion at constant speed per sweep.',
         choices=scan.MOTIONS,
     )
-    node.parameter('lasers', [], 'Names of the lasers to use; empty: all.', kind=str)
-    node.parameter(
-        'dark_frames',
-        default.dark_frames,
-        'step: take an image with all lasers off at every stop and subtract it.',
-    )
     node.parameter(
         'formats',
         list(default.formats),
@@ -146,6 +141,23 @@ def _declare_request(node: CellNode) -> None:
     )
     node.parameter(
         'export_unit', default.export_unit, 'Unit of the mesh files.', choices=tuple(UNITS)
+    )
+
+
+def _declare_light(node: CellNode) -> None:
+    default = ScanRequest()
+    node.parameter('lasers', [], 'Names of the lasers to use; empty: all.', kind=str)
+    node.parameter(
+        'dark_frames',
+        default.dark_frames,
+        'step: take an image with all lasers off at every stop and subtract it.',
+    )
+    node.parameter(
+        'exposures',
+        [],
+        'Exposure times of the camera, seconds, ascending: every sweep is taken with each of '
+        'them; empty or 0: that of the camera as it is set.',
+        kind=float,
     )
 
 
@@ -279,6 +291,8 @@ def _request(values: Mapping[str, Any]) -> ScanRequest:
     for name in ('lasers', 'formats'):
         # rclpy cannot set an empty list, but a list with one empty string
         known[name] = tuple(item for item in known[name] if item)
+    # likewise a zero
+    known['exposures'] = tuple(seconds for seconds in known['exposures'] if seconds)
     return ScanRequest(**known)
 
 

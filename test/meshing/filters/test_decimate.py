@@ -1,8 +1,6 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
 from dataclasses import replace
-import importlib.util
-import runpy
 
 import numpy as np
 import pytest
@@ -10,7 +8,6 @@ from support.degraded_views import CELL
 from support.degraded_views import views
 
 from ivfmc_ros.errors import ParameterError
-from ivfmc_ros.meshing import settings as settings_module
 from ivfmc_ros.meshing.build import build_mesh
 from ivfmc_ros.meshing.filters.decimate import decimate
 from ivfmc_ros.meshing.geometry import normals
@@ -121,11 +118,7 @@ def test_rough_surface_is_not_decimated_with_a_small_tolerance():
 
 @pytest.mark.parametrize('name', ['decimate', 'decimate_sigmas'])
 def test_missing_library_is_named_before_a_scan(monkeypatch, name):
-    find = importlib.util.find_spec
-    monkeypatch.setattr(
-        importlib.util, 'find_spec', lambda n: None if n == 'fast_simplification' else find(n)
-    )
-    settings = runpy.run_path(settings_module.__file__)['MeshSettings']
-    assert settings().decimate_sigmas == 0.0
+    monkeypatch.setattr('ivfmc_ros.meshing.settings.find_spec', lambda _: None)
+    MeshSettings()
     with pytest.raises(ParameterError, match='pip install fast-simplification'):
-        settings(**{name: 1e-5})
+        MeshSettings(**{name: 1e-5})
