@@ -559,12 +559,13 @@ def test_cell_with_a_trigger_refuses_a_camera_without_a_line(
     assert 'no trigger line' in answer['detail']
 
 
-def test_scan_with_several_exposures_leaves_that_of_the_camera(client, fake, orchestrator):
+def test_scan_with_several_exposures_leaves_that_of_the_camera(client, fake, orchestrator, root):
     fake.add_camera('')
     client.set('orchestrator', exposures=[0.002, 0.02])
     success, answer = client.trigger('scan', 60.0)
     assert success, answer
     assert answer['counts'] == {**answer['counts'], 'views': 4, 'profiles': 12}
+    assert not (root / 'exposures_before_scan.json').exists()
     # tried before the table turns, then one for each sweep, then as it was
     assert fake.exposed == [0.002, 0.02, 0.002, 0.02, 0.005]
     assert fake.parameter('triangulator', 'exposure') == 0.01
@@ -599,3 +600,30 @@ def test_exposures_need_a_camera_that_takes_them(client, fake, orchestrator):
     success, answer = client.trigger('scan', 120.0)
     assert (success, answer['code']) == (False, 'BAD_PARAMETER')
     assert 'no parameter exposure' in answer['detail']
+
+
+@pytest.mark.parametrize('changed', [False, True])
+def test_exposure_that_a_killed_orchestrator_left_is_given_back(
+    client, fake, orchestrator, root, changed
+):
+    fake.add_camera('')
+    file = root / 'exposures_before_scan.json'
+    file.write_text(
+        '{"own": {"camera": 0.007, "triangulator": 0.01}, "set": [0.005, 0.02, 0.01, 0.02]}'
+    )
+    if changed:
+        # by a person, after the kill
+        client.set('camera', exposure=0.011)
+        fake.exposed.clear()
+    success, answer = client.trigger('scan', 60.0)
+    assert success, answer
+    assert fake.exposed == ([] if changed else [0.007])
+    assert not file.exists()
+
+
+def test_damaged_file_of_exposures_ends_no_scan(client, fake, orchestrator, root):
+    file = root / 'exposures_before_scan.json'
+    file.write_text('{"own": ')
+    success, answer = client.trigger('scan', 60.0)
+    assert success, answer
+    assert not file.exists()

@@ -18,6 +18,7 @@ from ivfmc_ros.nodes.scanning.beam_control import BeamControl
 from ivfmc_ros.nodes.scanning.camera_control import CameraControl
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
 from ivfmc_ros.nodes.scanning.cell_ready import wait_for_cell
+from ivfmc_ros.nodes.scanning.exposure_control import ExposureControl
 from ivfmc_ros.nodes.scanning.mesh_verdict import judge_mesh
 from ivfmc_ros.nodes.scanning.profile_wait import ProfileWait
 from ivfmc_ros.nodes.scanning.recording_control import RecordingControl
@@ -104,13 +105,10 @@ class GraphTools:
         self._beam = BeamControl(node, link, self._until, context.patience, context.scan_id)
         self._profiles = ProfileWait(link, self._until, context.patience)
         triggered = any(sweep.trigger_step for sweep in context.plan.sweeps)
-        self._camera = CameraControl(
-            node,
-            services,
-            self._until,
-            self._guard,
-            triggered=triggered,
-            exposures=[sweep.exposure for sweep in context.plan.sweeps],
+        self._camera = CameraControl(node, services, self._until, self._guard, triggered=triggered)
+        exposures = [sweep.exposure for sweep in context.plan.sweeps]
+        self._exposure = ExposureControl(
+            node, services, self._until, self._guard, exposures, context.folder.parent
         )
         self._standstill = Standstill()
         self.bag: Mapping[str, Any] = {}
@@ -147,7 +145,7 @@ class GraphTools:
             self._link.take_over(resumed.taken)
             await self._services.trigger('registrar/load', _LOAD_S, self._guard)
         self.camera_info = await self._camera.first_info()
-        await self._camera.require_exposures()
+        await self._exposure.prepare()
         if resumed is not None:
             resumed.require_camera(to_camera(self.camera_info))
             await self._stop_table()
@@ -245,7 +243,7 @@ class GraphTools:
 
     async def expose(self, seconds: float) -> None:
         """Set the exposure time of the images; return when images have it. 0: leave it."""
-        await self._camera.expose(seconds)
+        await self._exposure.expose(seconds)
 
     async def trigger_camera(self, *, on: bool) -> None:
         """Start each exposure by the table's trigger, or at the camera's own rate."""
@@ -287,7 +285,7 @@ class GraphTools:
         await self._until(complete, _FLUSH_S, 'the recorder to write all profiles', NOT_RECORDED)
         # dark images during meshing would be most of the bag
         await self._set('recorder', {'pictures': False})
-        await self._log_error(self._camera.release())
+        await self._log_error(self._exposure.release())
         # camera and table are not needed any more
         self._guard.needs_images = False
         self._guard.watched = ['registrar', 'mesher', 'recorder']
@@ -354,6 +352,7 @@ class GraphTools:
             if not self._guard.is_lost(node) and self._services.has(f'{node}/{service}'):
                 await self._log_error(self._services.trigger(f'{node}/{service}', _ABORT_S))
         await self._log_error(self._camera.release())
+        await self._log_error(self._exposure.release())
         if 'triangulator' in self._guard.watched and not self._guard.is_lost('triangulator'):
             await self._log_error(self._services.set('triangulator', self._no_views()))
         if self._guard.recording:
