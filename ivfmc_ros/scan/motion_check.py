@@ -27,7 +27,7 @@ _VELOCITY_NS = 50_000_000
 
 
 # Radians, below any step of a scan and above the noise of an encoder.
-_SAME_ANGLE = 1e-3
+SAME_ANGLE = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +61,7 @@ class Standstill:
         angle : radians, without whole turns
         """
         off = math.remainder(angle - self.position, 2.0 * math.pi)
-        return stamp_ns >= self.first_ns or (stamp_ns > self.after_ns and abs(off) < _SAME_ANGLE)
+        return stamp_ns >= self.first_ns or (stamp_ns > self.after_ns and abs(off) < SAME_ANGLE)
 
 
 def mean_velocity(reports: Sequence[JointReport], stamp_ns: int, position: float) -> float:

@@ -26,6 +26,7 @@ from ivfmc_ros.scan.liveness import AttentiveClock
 from ivfmc_ros.scan.liveness import LivenessMonitor
 from ivfmc_ros.scan.motion_check import JointReport
 from ivfmc_ros.scan.motion_check import mean_velocity
+from ivfmc_ros.scan.motion_check import SAME_ANGLE
 from ivfmc_ros.scan.motion_check import Standstill
 from ivfmc_ros.storage.matching.joint_history import joint_in_message
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
@@ -259,14 +260,26 @@ class CellLink:
             return
         stamp_ns = nanoseconds(message.header.stamp)
         position, velocity = state
+        moving_ns = stamp_ns
         if velocity is None:
             velocity = mean_velocity(self.reports, stamp_ns, position)
+            # of the time before: after a gap of the reports the table may stand here for long
+            moving_ns = self._elsewhere_ns(position)
         self.watch.heartbeat(JOINTS)
         self._check_stamp(JOINTS, stamp_ns)
         self.reports.append(JointReport(stamp_ns=stamp_ns, position=position, velocity=velocity))
         self._reports_since_command += 1
         if abs(velocity) > _STANDSTILL_VELOCITY:
-            self._moved_ns = stamp_ns
+            self._moved_ns = moving_ns
+
+    def _elsewhere_ns(self, position: float) -> int:
+        """Return the stamp of the last report of another position, nanoseconds."""
+        elsewhere = (
+            report.stamp_ns
+            for report in reversed(self.reports)
+            if abs(report.position - position) > SAME_ANGLE
+        )
+        return next(elsewhere, self._moved_ns)
 
     def _receive_camera(self, message: CameraInfo) -> None:
         self.last_image_ns = nanoseconds(message.header.stamp)

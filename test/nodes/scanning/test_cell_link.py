@@ -29,7 +29,7 @@ class Link(cell_link.CellLink):
     def _check_stamp(self, topic, stamp_ns):
         pass
 
-    def run(self, seconds, lost=(0.0, 0.0)):
+    def run(self, seconds, lost=(0.0, 0.0), with_velocity=True):
         """Joint states of a move and of the standstill after it; some seconds of them are lost."""
         for number in range(round(seconds / PERIOD_S)):
             second = number * PERIOD_S
@@ -40,19 +40,22 @@ class Link(cell_link.CellLink):
             message.header.stamp.sec = 100 + int(second)
             message.header.stamp.nanosec = round(second % 1.0 * 1e9)
             message.position = [TARGET * min(second / MOVE_S, 1.0)]
-            message.velocity = [TARGET / MOVE_S if moves else 0.0]
+            if with_velocity:
+                message.velocity = [TARGET / MOVE_S if moves else 0.0]
             self._receive_joints(message)
 
 
 @pytest.mark.parametrize(
     ('seconds', 'lost'),
-    # one after the other; many at once, of which the last are kept; the first ones lost
-    [(1.2, (0.0, 0.0)), (4.0, (0.0, 0.0)), (2.5, (1.0, 2.2))],
+    # one after the other; many at once, of which the last are kept; the first ones lost, and the
+    # last ones of the move
+    [(1.2, (0.0, 0.0)), (4.0, (0.0, 0.0)), (2.5, (1.0, 2.2)), (2.5, (0.92, 2.2))],
 )
-def test_profile_right_after_the_move_is_of_this_standstill(seconds, lost):
+@pytest.mark.parametrize('with_velocity', [True, False])
+def test_profile_right_after_the_move_is_of_this_standstill(seconds, lost, with_velocity):
     link = Link()
     link.command(TARGET, MOVE_S)
-    link.run(seconds, lost)
+    link.run(seconds, lost, with_velocity)
     assert link.stands_at(TARGET, 1e-3)
     assert link.standstill.shows(TARGET, round((100.0 + MOVE_S + 0.05) * 1e9))
     assert not link.standstill.shows(0.9 * TARGET, round((100.0 + 0.9 * MOVE_S) * 1e9))
