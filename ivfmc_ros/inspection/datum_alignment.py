@@ -74,7 +74,7 @@ def align_features(
                 raise GeometryError(
                     f'datums: {names[len(pairs)]!r} has {len(own)} measured vertices farther than '
                     f'{1e3 * settings.edge:g} mm from its edges, {_MIN_POINTS} are needed; name '
-                    'another datum, scan in finer steps, or do not decimate the mesh'
+                    'another datum, or scan it in finer steps'
                 )
             own = own[:: max(1, len(own) // _MAX_POINTS)]
             axis = shape.axis if shape.kind == 'cylinder' else None

@@ -25,6 +25,8 @@ _MIN_NORMAL_DEVIATION = 0.01
 _MAX_REGIONS = 200
 # Fraction of the whole surface; smaller regions are not listed.
 _MIN_AREA = 5e-4
+# Areas that agree to so many digits, as fractions of the largest, are equal.
+_AREA_DIGITS = 6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,14 +50,19 @@ class SurfaceRegion:
 
 
 def segment_surface(vertices_xyz: Floats, faces: Ints) -> list[SurfaceRegion]:
-    """Split a mesh into smooth regions, the largest first, without tiny ones."""
+    """
+    Split a mesh into smooth regions, the largest first, without tiny ones.
+
+    Regions of one area are in the order of their triangles, so that rounding, as of a mesh that was
+    moved, does not change the names.
+    """
     label = _smooth_components(vertices_xyz, faces)
     corners = vertices_xyz[faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = 0.5 * np.linalg.norm(cross, axis=1)
     total = np.bincount(label, area)
     found: list[SurfaceRegion] = []
-    for component in np.argsort(-total)[:_MAX_REGIONS]:
+    for component in _largest_first(total)[:_MAX_REGIONS]:
         if total[component] < _MIN_AREA * total.sum():
             break
         chosen = np.flatnonzero(label == component)
@@ -72,6 +79,13 @@ def segment_surface(vertices_xyz: Floats, faces: Ints) -> list[SurfaceRegion]:
             )
         )
     return found
+
+
+def _largest_first(areas: Floats) -> Ints:
+    """Return the order of (n,) areas, descending; equal ones as they are."""
+    return np.asarray(
+        np.argsort(-np.round(areas / max(areas.max(), 1e-30), _AREA_DIGITS), kind='stable')
+    )
 
 
 def _facet_depth(shape: features.Feature | None, corners: Floats, area: Floats) -> float:
