@@ -53,14 +53,14 @@ def segment_surface(vertices_xyz: Floats, faces: Ints) -> list[SurfaceRegion]:
     """
     Split a mesh into smooth regions, the largest first, without tiny ones.
 
-    Regions of one area are in the order of their triangles, so that rounding, as of a mesh that was
-    moved, does not change the names.
+    Regions of one area are in the order of their triangles, so that rounding, as of a mesh that
+    was moved, does not change the names.
     """
     label = _smooth_components(vertices_xyz, faces)
     corners = vertices_xyz[faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = 0.5 * np.linalg.norm(cross, axis=1)
-    total = np.bincount(label, area)
+    total = np.bincount(label, area).astype(np.float64)
     found: list[SurfaceRegion] = []
     for component in _largest_first(total)[:_MAX_REGIONS]:
         if total[component] < _MIN_AREA * total.sum():
