@@ -10,6 +10,7 @@ calibration errs within its stated covariance.
 
 from collections.abc import Sequence
 from dataclasses import replace
+import hashlib
 from pathlib import Path
 import pickle
 
@@ -80,7 +81,9 @@ def profiles(name: str, part: Solid, seed: int) -> Sequence[Profile]:
 
     name : of the part, which the cache files are named by
     """
-    path = CACHE / f'{name.replace(" ", "_")}-{seed}-{STEPS}.pickle'
+    # a wrong part of one name may be wrong at another feature
+    shape = hashlib.sha256(part.vertices_xyz.tobytes()).hexdigest()[:12]
+    path = CACHE / f'{name.replace(" ", "_")}-{shape}-{seed}-{STEPS}.pickle'
     if path.is_file():
         with path.open('rb') as stream:
             return list(pickle.load(stream))
