@@ -23,6 +23,14 @@ LIBRARIES := \
 
 # Fixtures of a file are made once, and its tests run in one worker.
 BY_FILE := --dist loadfile --no-loadscope-reorder
+COMPUTING := not (alone or realtime or slow)
+REALTIME := realtime and not slow
+
+# Nodes wait for each other in both; beside other tests, on a slow computer, one may time out.
+define judge_again
+{ echo 'make test: what failed with other tests beside it is judged again, alone'; \
+	$(BIN)/python -m pytest --last-failed --last-failed-no-failures none -m '$(1)'; }
+endef
 
 .DEFAULT_GOAL := help
 .PHONY: help env lint test test-slow demo bench faults soak docs docs-check reference figures pictures clean distclean
@@ -58,15 +66,6 @@ test: $(READY)
 		$(call judge_again,$(COMPUTING))
 	$(BIN)/python -m pytest -m '$(REALTIME)' -n 2 $(BY_FILE) || $(call judge_again,$(REALTIME))
 	$(BIN)/python -m pytest -m 'alone and not slow'
-
-COMPUTING := not (alone or realtime or slow)
-REALTIME := realtime and not slow
-
-# Nodes wait for each other in both; beside other tests, on a slow computer, one may time out.
-define judge_again
-{ echo 'make test: what failed with other tests beside it is judged again, alone'; \
-	$(BIN)/python -m pytest --last-failed --last-failed-no-failures none -m '$(1)'; }
-endef
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -19,6 +19,7 @@ from ivfmc_ros.acceptance.find_planes import find_plate
 from ivfmc_ros.acceptance.find_planes import find_step
 from ivfmc_ros.acceptance.find_spheres import find_spheres
 from ivfmc_ros.acceptance.find_spheres import FoundSphere
+from ivfmc_ros.acceptance.points import COVERAGE_FACTOR
 from ivfmc_ros.acceptance.points import MeasuredPoints
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.scale import scale_u
@@ -40,7 +41,6 @@ _DISCARDED = 0.003
 _DISPERSION = 0.95
 # Points per sphere or plane by which the uncertainty of the calibration is propagated.
 _MAX_POINTS = 1500
-_COVERAGE_FACTOR = 2.0  # of expanded uncertainties: 95 %
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +98,7 @@ class Characteristic:
         """|error| / U with U of cell and test value, k = 2; None where both are 0 or unknown."""
         if self.u_cell is None or self.nominal is None:
             return None
-        expanded = _COVERAGE_FACTOR * float(np.hypot(self.u_cell, self.u_test))
+        expanded = COVERAGE_FACTOR * float(np.hypot(self.u_cell, self.u_test))
         return abs(self.value) / expanded if expanded > 0 else None
 
 

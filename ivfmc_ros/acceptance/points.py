@@ -13,7 +13,7 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.model import MEASURED
 from ivfmc_ros.model import Mesh
 
-_COVERAGE_FACTOR = 2.0  # of expanded uncertainties: 95 %
+COVERAGE_FACTOR = 2.0  # of expanded uncertainties: 95 %
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -70,7 +70,7 @@ def _known_well(sigma: Floats, systematic: Floats | None, max_u: float) -> Bools
     """Return (n,) bool; an unknown systematic error leaves a vertex in."""
     shared = 0.0 if systematic is None else np.nan_to_num(systematic)
     with np.errstate(invalid='ignore'):
-        return np.asarray(_COVERAGE_FACTOR * np.hypot(sigma, shared) <= max_u)
+        return np.asarray(COVERAGE_FACTOR * np.hypot(sigma, shared) <= max_u)
 
 
 def _chosen(

@@ -627,3 +627,11 @@ def test_damaged_file_of_exposures_ends_no_scan(client, fake, orchestrator, root
     success, answer = client.trigger('scan', 60.0)
     assert success, answer
     assert not file.exists()
+
+
+def test_exposures_that_were_left_for_another_camera_end_no_scan(client, fake, orchestrator, root):
+    file = root / 'exposures_before_scan.json'
+    file.write_text('{"own": {"camera": 0.007, "triangulator": 0.01}, "set": [0.002]}')
+    success, answer = client.trigger('scan', 120.0)
+    assert success, answer
+    assert not file.exists()

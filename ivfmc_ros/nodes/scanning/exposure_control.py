@@ -10,6 +10,7 @@ orchestrator was killed, its next scan gives them back.
 from collections.abc import Callable
 from collections.abc import Iterable
 from collections.abc import Mapping
+from collections.abc import Sequence
 import json
 from pathlib import Path
 
@@ -88,14 +89,22 @@ class ExposureControl:
             self._node.get_logger().warning(f'{self._file}: is not read: {error}')
             self._file.unlink(missing_ok=True)
             return
-        for node, seconds in own.items():
-            if node in _NODES and await self._services.get(node, 'exposure', self._guard) in known:
-                await self._services.set(node, {'exposure': seconds}, self._guard)
-                self._node.get_logger().info(
-                    f'{node}: exposure is {1e3 * seconds:g} ms again, as before a scan that was '
-                    'interrupted'
-                )
+        for node in _NODES:
+            try:
+                await self._give_back(node, own.get(node), known)
+            except HelperError as error:
+                # another driver by now
+                self._node.get_logger().warning(f'{node}: exposure is not given back: {error}')
         self._file.unlink(missing_ok=True)
+
+    async def _give_back(self, node: str, seconds: float | None, known: Sequence[float]) -> None:
+        present = await self._services.get(node, 'exposure', self._guard)
+        if seconds is None or present not in known:
+            return
+        await self._services.set(node, {'exposure': seconds}, self._guard)
+        self._node.get_logger().info(
+            f'{node}: exposure is {1e3 * seconds:g} ms again, as before an interrupted scan'
+        )
 
     async def _exposure_of(self, node: str) -> float:
         try:
