@@ -3,8 +3,6 @@
 """Checks by the reported positions that the table executes the move that was commanded."""
 
 from collections.abc import Callable
-from collections.abc import Sequence
-from dataclasses import dataclass
 import math
 import time
 
@@ -21,62 +19,6 @@ _NOISE_STEPS = 4.0
 _OFF_COURSE = 10.0
 # Seconds that one report counts at most: after a longer silence the age of reports decides.
 _MAX_PERIOD_S = 0.25
-# A velocity that is not reported is the mean over this time, nanoseconds: from one report to the
-# next, a single count of a 17-bit encoder at 200 Hz is 0.01 rad/s, more than a standing table's.
-_VELOCITY_NS = 50_000_000
-
-
-# Radians, below any step of a scan and above the noise of an encoder.
-SAME_ANGLE = 1e-3
-
-
-@dataclass(frozen=True, kw_only=True)
-class JointReport:
-    """Position (radians, unwrapped) and velocity (rad/s) of the table at a stamp."""
-
-    stamp_ns: int
-    position: float
-    velocity: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Standstill:
-    """
-    Where the table stands, and since when; stamps in nanoseconds.
-
-    position : radians
-    first_ns : of the first known report of it
-    after_ns : of the last report of something else. The reports between both may be lost, or were
-        too many to be kept by a node that was late, and what the table did meanwhile be done
-    """
-
-    position: float = 0.0
-    first_ns: int = 0
-    after_ns: int = 0
-
-    def shows(self, angle: float, stamp_ns: int) -> bool:
-        """
-        Return whether a profile was taken at this standstill.
-
-        angle : radians, without whole turns
-        """
-        off = math.remainder(angle - self.position, 2.0 * math.pi)
-        return stamp_ns >= self.first_ns or (stamp_ns > self.after_ns and abs(off) < SAME_ANGLE)
-
-
-def mean_velocity(reports: Sequence[JointReport], stamp_ns: int, position: float) -> float:
-    """
-    Return the velocity of a joint that does not report it, rad/s; infinite without a report.
-
-    reports : the former ones, ascending
-    stamp_ns, position : of the new one, nanoseconds and radians
-    """
-    if not reports:
-        return math.inf
-    old = (report for report in reversed(reports) if stamp_ns - report.stamp_ns >= _VELOCITY_NS)
-    since = next(old, reports[0])
-    seconds = (stamp_ns - since.stamp_ns) * 1e-9
-    return (position - since.position) / seconds if seconds > 0.0 else reports[-1].velocity
 
 
 class MotionCheck:

@@ -24,7 +24,6 @@ from trajectory_msgs.msg import JointTrajectoryPoint
 
 from ivfmc_ros.nodes.convert.images import from_image
 from ivfmc_ros.nodes.convert.joints import read_trajectory
-from ivfmc_ros.nodes.scanning.cell_link import CellLink
 from ivfmc_ros.storage.matching.frame_matching import SAME_STAMP
 from ivfmc_ros.storage.matching.joint_history import joint_in_message
 
@@ -83,7 +82,7 @@ def test_other_joints_and_unknown_velocities_are_left_out():
 
 def test_our_commands_are_accepted_and_end_at_their_target():
     found = ForeignScan(small_cell(), SPHERE, DRIVERS['usb_cam'], 0.0)
-    CellLink.command(found.link, 7.5, 2.0)
+    found.move(7.5, 2.0)
     assert found.axis.refused == []
     assert found.axis.position_at(START_S + 1.0) == pytest.approx(3.75)
     assert found.axis.position_at(START_S + 2.1) == 7.5

@@ -1,11 +1,7 @@
 # Copyright 2026 the ivfmc_ros authors
 # SPDX-License-Identifier: Apache-2.0
-import math
-
 import pytest
 
-from ivfmc_ros.scan.motion_check import JointReport
-from ivfmc_ros.scan.motion_check import mean_velocity
 from ivfmc_ros.scan.motion_check import MotionCheck
 
 
@@ -82,26 +78,3 @@ def test_table_that_has_not_begun_a_short_move_has_not_arrived():
     table = Table(target=1e-3)
     assert table.check.reach == pytest.approx(0.5e-3)
     assert abs(table.position - 1e-3) > table.check.reach
-
-
-@pytest.mark.parametrize('rate', [50, 200, 1000])
-def test_flickering_encoder_of_a_standing_table_is_no_velocity(rate):
-    # one count of 17 bits: from report to report it is 0.01 rad/s at 200 Hz
-    count, reports = 2 * math.pi / 2**17, []
-    for number in range(rate):
-        stamp_ns, position = number * 1_000_000_000 // rate, count * (number % 2)
-        velocity = mean_velocity(reports, stamp_ns, position)
-        reports.append(JointReport(stamp_ns=stamp_ns, position=position, velocity=velocity))
-    assert max(abs(report.velocity) for report in reports[rate // 10 :]) < 5e-3
-
-
-def test_velocity_of_a_moving_table_is_that_of_its_positions():
-    reports = []
-    for number in range(20):
-        position = 0.02 * number
-        velocity = mean_velocity(reports, number * 10_000_000, position)
-        reports.append(
-            JointReport(stamp_ns=number * 10_000_000, position=position, velocity=velocity)
-        )
-    assert math.isinf(reports[0].velocity)
-    assert reports[-1].velocity == pytest.approx(2.0)

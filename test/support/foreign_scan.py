@@ -9,7 +9,6 @@ of our nodes; the stripe of each image is that of a sphere at the true angle, by
 
 from dataclasses import dataclass
 import math
-from types import SimpleNamespace
 
 import numpy as np
 from sensor_msgs.msg import JointState
@@ -18,7 +17,8 @@ from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.model import Frame
 from ivfmc_ros.model import Profile
 from ivfmc_ros.nodes.convert.stamps import nanoseconds
-from ivfmc_ros.nodes.scanning.cell_link import CellLink
+from ivfmc_ros.nodes.convert.trajectory import trajectory_to
+from ivfmc_ros.scan.table_reports import TableReports
 from ivfmc_ros.storage.matching.frame_matching import FrameMatch
 from ivfmc_ros.storage.matching.frame_matching import FrameMatcher
 from ivfmc_ros.storage.matching.frame_matching import MatchSettings
@@ -73,16 +73,16 @@ class ForeignScan:
         self._images = 0
         self.profiles: list[Profile] = []
         self.reasons: list[str] = []
-        self.link = _link(self.axis, lambda: self._now_s)
+        self.table = TableReports()
 
     def run(self, steps: int) -> None:
         """Take a profile by each laser at equal steps of a turn."""
-        self._wait(lambda: bool(self.link.reports))
+        self._wait(lambda: self.table.last is not None)
         for step in range(steps):
             target = 2.0 * math.pi * step / steps
             if step:
-                CellLink.command(self.link, target, 0.8)
-                self._wait(lambda target=target: CellLink.stands_at(self.link, target, _TOLERANCE))
+                self.move(target, 0.8)
+                self._wait(lambda target=target: self.table.stands_at(target, _TOLERANCE))
             for laser in NAMES:
                 known = len(self.profiles)
                 self._switch(laser)
@@ -94,6 +94,11 @@ class ForeignScan:
         while not condition():
             assert self._now_s < end_s, f'not within {_PATIENCE_S} s: {self.reasons[-5:]}'
             self._tick()
+
+    def move(self, target: float, seconds: float) -> None:
+        """Command the axis to ``target`` (radians) within ``seconds``."""
+        self.table.begin_move()
+        self.axis.command(trajectory_to(JOINT, target, seconds), self._now_s)
 
     def _switch(self, laser: str) -> None:
         self._laser = laser
@@ -131,12 +136,11 @@ class ForeignScan:
             self._arriving.append((arrives_s, stamp_ns, exposure))
 
     def _receive_joints(self, message: JointState) -> None:
-        CellLink._receive_joints(self.link, message)
         state = joint_in_message(message, JOINT)
         assert state is not None
-        self._matcher.add_table_position(
-            nanoseconds(message.header.stamp), *state, now_s=self._now_s
-        )
+        stamp_ns = nanoseconds(message.header.stamp)
+        self.table.add(stamp_ns, *state)
+        self._matcher.add_table_position(stamp_ns, *state, now_s=self._now_s)
 
     def _report_lasers(self) -> None:
         states = {name: float(name == self._laser) for name in NAMES}
@@ -163,16 +167,3 @@ class ForeignScan:
         uv = np.concatenate(found) if found else np.zeros((0, 2))
         ones = np.ones(len(uv))
         return Stripe(uv=uv, intensity=100.0 * ones, width=2.5 * ones, sigma=0.1 * ones)
-
-
-def _link(axis: ForeignAxis, now_s) -> SimpleNamespace:
-    """Return what the functions of CellLink for the table need; its subscriber is the axis."""
-    trajectory = SimpleNamespace(publish=lambda message: axis.command(message, now_s()))
-    return SimpleNamespace(
-        joint=JOINT,
-        reports=[],
-        watch=SimpleNamespace(heartbeat=lambda name: None),
-        _reports_since_command=0,
-        _trajectory=trajectory,
-        _check_stamp=lambda topic, stamp_ns: None,
-    )

@@ -2,10 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The orchestrator's subscriptions to the cell, and its commands to table and lasers."""
 
-from collections import deque
 from typing import Any
 
-from builtin_interfaces.msg import Duration
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import JointState
@@ -13,10 +11,10 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from std_msgs.msg import UInt64
 from trajectory_msgs.msg import JointTrajectory
-from trajectory_msgs.msg import JointTrajectoryPoint
 
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.nodes.convert.stamps import nanoseconds
+from ivfmc_ros.nodes.convert.trajectory import trajectory_to
 from ivfmc_ros.nodes.framework.adaptive_subscription import AdaptiveSubscription
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.heartbeats import Heartbeats
@@ -24,10 +22,7 @@ from ivfmc_ros.nodes.scanning.diagnostics_watch import DiagnosticsWatch
 from ivfmc_ros.scan.clock_monitor import ClockMonitor
 from ivfmc_ros.scan.liveness import AttentiveClock
 from ivfmc_ros.scan.liveness import LivenessMonitor
-from ivfmc_ros.scan.motion_check import JointReport
-from ivfmc_ros.scan.motion_check import mean_velocity
-from ivfmc_ros.scan.motion_check import SAME_ANGLE
-from ivfmc_ros.scan.motion_check import Standstill
+from ivfmc_ros.scan.table_reports import TableReports
 from ivfmc_ros.storage.matching.joint_history import joint_in_message
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 from ivfmc_ros.storage.messages.profile_header import read_profile_header
@@ -38,12 +33,6 @@ HOLD_S = 0.1
 HELPERS = ('camera', 'turntable', 'triangulator', 'registrar', 'mesher', 'recorder')
 JOINTS = 'joint_states'
 
-# The table is at standstill when this many joint states in a row say so ...
-_STANDSTILL_REPORTS = 4
-# ... with a velocity below this, rad/s: the noise of differentiated positions.
-_STANDSTILL_VELOCITY = 5e-3
-# Joint states that are kept: 0.5 s at 100 Hz.
-_JOINT_REPORTS = 50
 # Profiles that ``latest_profiles`` returns: more than are received between two polls.
 _LATEST = 50
 # Duration of the move that stops the table where it is, seconds.
@@ -57,7 +46,7 @@ class CellLink:
     watch : ages of heartbeats and joint states
     clocks : jumps of the clocks since the start of the scan
     info_stamps_ns : stamps of all camera_info of the scan
-    reports : last joint states of the table
+    table : its last joint states
     diagnostics : faults that the nodes of the cell say
     lasers : whether each laser is on
     dark_since_ns : stamp since which all lasers are off; None while one is on
@@ -79,7 +68,7 @@ class CellLink:
         self.clocks = ClockMonitor(node.steady_s)
         self.info_stamps_ns: list[int] = []
         self.joint = joint
-        self.reports: deque[JointReport] = deque(maxlen=_JOINT_REPORTS)
+        self.table = TableReports()
         self.lasers: dict[str, bool] = {}
         self.dark_since_ns: int | None = None
         self.last_image_ns = 0
@@ -91,9 +80,6 @@ class CellLink:
         self._node = node
         self._beam: str | None = None
         self._closed = False
-        self._reports_since_command = 0
-        # stamp of the last joint state in motion, or before the last command
-        self._moved_ns = 0
         self._heartbeats = Heartbeats(node, HELPERS, self.watch.heartbeat)
         self.diagnostics = DiagnosticsWatch(node, self._end)
         self._hold = node.publish_on(Header, 'beam_hold')
@@ -112,7 +98,7 @@ class CellLink:
     @property
     def position(self) -> float | None:
         """Position of the table, radians; None before the first joint state."""
-        return self.reports[-1].position if self.reports else None
+        return self.table.last.position if self.table.last else None
 
     @property
     def beam(self) -> str | None:
@@ -167,17 +153,8 @@ class CellLink:
 
     def command(self, position: float, seconds: float) -> None:
         """Command the table to ``position`` (radians) within ``seconds``, ending at standstill."""
-        whole = int(seconds)
-        point = JointTrajectoryPoint(
-            positions=[position],
-            velocities=[0.0],
-            time_from_start=Duration(sec=whole, nanosec=int((seconds - whole) * 1e9)),
-        )
-        self._reports_since_command = 0
-        if self.reports:
-            self._moved_ns = self.reports[-1].stamp_ns
-        # joint_trajectory_controller: a stamp of zero means now
-        self._trajectory.publish(JointTrajectory(joint_names=[self.joint], points=[point]))
+        self.table.begin_move()
+        self._trajectory.publish(trajectory_to(self.joint, position, seconds))
 
     def halt(self) -> None:
         """Stop the table: command its present position, as joint_trajectory_controller has it."""
@@ -193,38 +170,6 @@ class CellLink:
         """Return whether the driver of the table subscribes its commands best effort."""
         found = self._node.get_subscriptions_info_by_topic(self._trajectory.topic_name)
         return any(info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for info in found)
-
-    def stands_at(self, position: float, tolerance: float) -> bool:
-        """
-        Return whether the last joint states agree on standstill at ``position``, radians.
-
-        Those from before the last command do not count.
-        """
-        last = list(self.reports)[-_STANDSTILL_REPORTS:]
-        enough = min(len(last), self._reports_since_command) >= _STANDSTILL_REPORTS
-        return enough and all(
-            abs(report.position - position) <= tolerance
-            and abs(report.velocity) <= _STANDSTILL_VELOCITY
-            for report in last
-        )
-
-    @property
-    def standstill(self) -> Standstill:
-        """
-        Where the table stands since its last move.
-
-        It begins with the first joint state that says so, not with the last few: this node may be
-        late, and the profile of this position be there.
-        """
-        first_ns = 0
-        for number, report in enumerate(reversed(self.reports)):
-            is_old = number >= max(self._reports_since_command, _STANDSTILL_REPORTS)
-            if is_old or abs(report.velocity) > _STANDSTILL_VELOCITY:
-                break
-            first_ns = report.stamp_ns
-        return Standstill(
-            position=self.position or 0.0, first_ns=first_ns, after_ns=self._moved_ns
-        )
 
     def latest_profiles(self) -> list[ProfileHeader]:
         """Return the headers of the last profiles, the newest first."""
@@ -259,27 +204,9 @@ class CellLink:
         if state is None:
             return
         stamp_ns = nanoseconds(message.header.stamp)
-        position, velocity = state
-        moving_ns = stamp_ns
-        if velocity is None:
-            velocity = mean_velocity(self.reports, stamp_ns, position)
-            # of the time before: after a gap of the reports the table may stand here for long
-            moving_ns = self._elsewhere_ns(position)
         self.watch.heartbeat(JOINTS)
         self._check_stamp(JOINTS, stamp_ns)
-        self.reports.append(JointReport(stamp_ns=stamp_ns, position=position, velocity=velocity))
-        self._reports_since_command += 1
-        if abs(velocity) > _STANDSTILL_VELOCITY:
-            self._moved_ns = moving_ns
-
-    def _elsewhere_ns(self, position: float) -> int:
-        """Return the stamp of the last report of another position, nanoseconds."""
-        elsewhere = (
-            report.stamp_ns
-            for report in reversed(self.reports)
-            if abs(report.position - position) > SAME_ANGLE
-        )
-        return next(elsewhere, self._moved_ns)
+        self.table.add(stamp_ns, *state)
 
     def _receive_camera(self, message: CameraInfo) -> None:
         self.last_image_ns = nanoseconds(message.header.stamp)

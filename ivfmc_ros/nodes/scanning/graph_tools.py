@@ -29,13 +29,13 @@ from ivfmc_ros.nodes.scanning.scan_guard import ScanGuard
 from ivfmc_ros.nodes.scanning.table_motion import TableMotion
 from ivfmc_ros.scan.disk_space import DiskWatch
 from ivfmc_ros.scan.job import Outcome
-from ivfmc_ros.scan.motion_check import Standstill
 from ivfmc_ros.scan.plan import LOW_RATE
 from ivfmc_ros.scan.plan import NOT_MEASURED
 from ivfmc_ros.scan.plan import require_steps
 from ivfmc_ros.scan.plan import Sweep
 from ivfmc_ros.scan.report import write_figures
 from ivfmc_ros.scan.state_machine import StateMachine
+from ivfmc_ros.scan.table_reports import Standstill
 from ivfmc_ros.storage.messages.camera_info import to_camera
 
 # Time-outs, seconds.
@@ -160,7 +160,7 @@ class GraphTools:
         """Stop a table that still makes the move of an orchestrator that died."""
 
         def stands() -> bool:
-            return self._link.stands_at(self.position, self.context.tolerance)
+            return self._link.table.stands_at(self.position, self.context.tolerance)
 
         if not stands():
             self._link.halt()
@@ -208,7 +208,7 @@ class GraphTools:
             f'the table to stop at {math.degrees(position):.2f} degrees',
             'MOTION_FAILED',
         )
-        self._standstill = self._link.standstill
+        self._standstill = self._link.table.standstill
 
     async def laser_on(self, laser: str) -> None:
         """Switch this laser on and all others off; return when that is reported."""

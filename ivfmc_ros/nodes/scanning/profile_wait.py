@@ -12,7 +12,7 @@ from itertools import pairwise
 from ivfmc_ros.nodes.framework.futures import Condition
 from ivfmc_ros.nodes.scanning.beam_control import Until
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
-from ivfmc_ros.scan.motion_check import Standstill
+from ivfmc_ros.scan.table_reports import Standstill
 from ivfmc_ros.stripe.stream import TUNING_IMAGES
 
 # Profiles from which their rate is measured. The longest interval does not count: one lost image

@@ -6,9 +6,9 @@ import math
 
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
-from ivfmc_ros.scan.motion_check import JointReport
 from ivfmc_ros.scan.motion_check import MotionCheck
 from ivfmc_ros.scan.plan import MotionLimits
+from ivfmc_ros.scan.table_reports import JointReport
 
 # Fraction of the tolerance within which a standing table needs no move.
 _NO_MOVE = 0.1
@@ -33,7 +33,7 @@ class TableMotion:
         velocity: float,
     ) -> None:
         start = link.position or 0.0
-        self.is_needed = not link.stands_at(position, _NO_MOVE * tolerance)
+        self.is_needed = not link.table.stands_at(position, _NO_MOVE * tolerance)
         self.seconds = limits.seconds(position - start, velocity)
         self._link, self._position = link, position
         self._last: JointReport | None = None
@@ -52,9 +52,9 @@ class TableMotion:
 
         :raises HelperError: it does not move as commanded
         """
-        if self._link.stands_at(self._position, self._check.reach):
+        if self._link.table.stands_at(self._position, self._check.reach):
             return True
-        report = self._link.reports[-1] if self._link.reports else None
+        report = self._link.table.last
         if report is None or report is self._last:
             return False
         self._last = report

@@ -7,15 +7,14 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any
 
-from builtin_interfaces.msg import Duration
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory
-from trajectory_msgs.msg import JointTrajectoryPoint
 
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import NotReadyError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import StateError
+from ivfmc_ros.nodes.convert.trajectory import trajectory_to
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.framework.futures import ServiceClients
 from ivfmc_ros.nodes.framework.futures import Waiter
@@ -99,13 +98,8 @@ class CellActions:
         if self.position is None:
             raise NotReadyError('the position of the table is not known')
         seconds = abs(radians) / _JOG_SPEED
-        point = JointTrajectoryPoint(
-            positions=[self.position + radians],
-            velocities=[0.0],
-            time_from_start=Duration(sec=int(seconds), nanosec=int(seconds % 1 * 1e9)),
-        )
-        joint = self._node.get('joint')
-        self._trajectory.publish(JointTrajectory(joint_names=[joint], points=[point]))
+        target = self.position + radians
+        self._trajectory.publish(trajectory_to(self._node.get('joint'), target, seconds))
         return {}
 
     def _submit(self, make: Callable[[], Awaitable[Any]]) -> 'Future[Any]':

@@ -8,7 +8,7 @@ import pytest
 
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.nodes.scanning.profile_wait import ProfileWait
-from ivfmc_ros.scan.motion_check import Standstill
+from ivfmc_ros.scan.table_reports import Standstill
 from ivfmc_ros.stripe.stream import TUNING_IMAGES
 
 PATIENCE_S = 20.0

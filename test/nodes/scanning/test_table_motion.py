@@ -6,9 +6,9 @@ import pytest
 
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.nodes.scanning import table_motion
-from ivfmc_ros.scan.motion_check import JointReport
 from ivfmc_ros.scan.motion_check import MotionCheck
 from ivfmc_ros.scan.plan import MotionLimits
+from ivfmc_ros.scan.table_reports import TableReports
 
 TARGET = 0.5
 
@@ -18,7 +18,7 @@ class Table:
 
     def __init__(self, monkeypatch, *, loses, lost):
         self.now, self.position = 100.0, 0.0
-        self.reports, self.commands = [], 0
+        self.table, self.commands = TableReports(), 0
         self._loses, self._lost = loses, lost
         self.diagnostics = SimpleNamespace(controller_message='')
         monkeypatch.setattr(
@@ -31,13 +31,11 @@ class Table:
         return self._loses
 
     def command(self, position, seconds):
+        self.table.begin_move()
         self.commands += 1
 
     def hold(self, laser):
         pass
-
-    def stands_at(self, position, tolerance):
-        return abs(self.position - position) <= tolerance
 
     def move(self, seconds=4.0):
         motion = table_motion.TableMotion(self, MotionLimits(), 2e-3, TARGET, 1.0)
@@ -46,10 +44,7 @@ class Table:
             self.now += 0.02
             if self.commands > self._lost:
                 self.position = min(self.position + 0.02, TARGET)
-            report = JointReport(
-                stamp_ns=round(self.now * 1e9), position=self.position, velocity=0
-            )
-            self.reports.append(report)
+            self.table.add(round(self.now * 1e9), self.position, None)
             if motion.has_arrived():
                 return
         pytest.fail('neither arrived nor refused')
