@@ -26,9 +26,11 @@ from ivfmc_ros.inspection.reports.pdf import print_pdf
 from ivfmc_ros.inspection.reports.scan_page import mesh_figures
 from ivfmc_ros.inspection.reports.scan_page import mesh_still
 from ivfmc_ros.inspection.reports.scan_page import scan_page
+from ivfmc_ros.inspection.sampled_mesh import mesh_deviation
 from ivfmc_ros.meshing.geometry.cut_rim import rim_figures
 from ivfmc_ros.meshing.io import export
 from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Mesh
 from ivfmc_ros.model import Poses
 from ivfmc_ros.model import View
 from ivfmc_ros.pipeline import Reconstruction
@@ -77,7 +79,7 @@ def write_results(
             save_cell(target / 'cell.yaml', made.refined.cell)
         document = _document(cell, made, source, skipped, watch)
         if nominal is not None:
-            document['deviation_m'] = deviation_report(points, made.mesh.vertices_xyz, nominal)
+            document['deviation_m'] = deviation_report(points, made.mesh, nominal)
         json_report.write_report(target / 'report.json', document)
         page = scan_page(
             source,
@@ -189,11 +191,11 @@ def merge_report(merged: Merged) -> list[dict[str, Any]]:
     return [{**asdict(placing), 'first_from_scan': T} for placing, T in placed]
 
 
-def deviation_report(points_xyz: Floats, vertices_xyz: Floats, nominal: Surface) -> dict[str, Any]:
-    """Return the deviation of points and mesh vertices from the true surface, meters."""
+def deviation_report(points_xyz: Floats, mesh: Mesh, nominal: Surface) -> dict[str, Any]:
+    """Return the deviation of points and of the mesh from the true surface, meters."""
     return {
         'points': asdict(deviation.summarize(nominal.signed_distance(points_xyz))),
-        'mesh': asdict(deviation.summarize(nominal.signed_distance(vertices_xyz))),
+        'mesh': asdict(mesh_deviation(mesh.vertices_xyz, mesh.faces, nominal)),
     }
 
 

@@ -3,8 +3,8 @@
 """
 Alignment of measured points to a nominal surface.
 
-A global search by principal axes is refined by trimmed point-to-plane ICP (Chen & Medioni 1992);
-datum points are aligned in closed form (Kabsch 1976).
+A global search by principal axes is refined by point-to-plane ICP (Chen & Medioni 1992) without
+outliers; datum points are aligned in closed form (Kabsch 1976).
 """
 
 from collections.abc import Iterator
@@ -23,7 +23,11 @@ from ivfmc_ros.validation import require_one_of
 # Points and iterations of the global search and of the final fit.
 _COARSE_POINTS, _FINE_POINTS = 1500, 20_000
 _COARSE_ITERATIONS, _FINE_ITERATIONS = 12, 40
-# Fraction of the points with the smallest distances that the fit uses (trimmed ICP).
+# Points of the fit are at most this many times as far as this fraction of all: four sigmas of
+# noise. A fixed share would leave out a face that is off by a little more than its opposite one,
+# and with it the reason to lie between both.
+_INLIERS, _OUTLYING = 0.7, 4.0
+# Fraction of the points with the smallest distances that candidate poses are compared by.
 _TRIM = 0.9
 # Fraction of the points that best fit within tolerance uses, and the greatest distance that counts
 # more, tolerances.
@@ -123,11 +127,11 @@ def _cost(points: Floats, nominal: Surface, T: Floats) -> float:
 
 
 def _fit(points: Floats, nominal: Surface, T: Floats, iterations: int) -> Floats:
-    """Minimize point-to-plane distances to the nearest faces by trimmed Gauss-Newton."""
+    """Minimize point-to-plane distances to the nearest faces by Gauss-Newton, without outliers."""
     for _ in range(iterations):
         moved = transforms.apply(T, points)
         near = nominal.nearest(moved)
-        used = near.distance <= np.quantile(near.distance, _TRIM)
+        used = near.distance <= _OUTLYING * np.quantile(near.distance, _INLIERS)
         center = moved[used].mean(axis=0)
         lever, n = moved[used] - center, near.normals[used]
         gap = (n * (near.points_xyz[used] - moved[used])).sum(axis=1)

@@ -23,6 +23,7 @@ from ivfmc_ros.inspection.nominal_faults import align_to_nominal
 from ivfmc_ros.inspection.nominal_faults import oriented
 from ivfmc_ros.inspection.regions import segment_surface
 from ivfmc_ros.inspection.regions import SurfaceRegion
+from ivfmc_ros.inspection.sampled_mesh import sampled
 from ivfmc_ros.inspection.section_cut import section_cuts
 from ivfmc_ros.inspection.section_cut import SectionCut
 from ivfmc_ros.inspection.settings import InspectSettings
@@ -30,6 +31,7 @@ from ivfmc_ros.inspection.surface_measurement import measure_surface
 from ivfmc_ros.inspection.surface_measurement import SurfaceResult
 from ivfmc_ros.inspection.uncertainty import CalibrationModel
 from ivfmc_ros.meshing.geometry import normals as triangle_normals
+from ivfmc_ros.meshing.geometry.areas import vertex_areas
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.surface import Nearest
@@ -49,7 +51,7 @@ class Inspection:
     """
     Result of an inspection. Positions are in the frame of the nominal.
 
-    vertices_xyz : (n, 3) meters, of the aligned mesh; faces : (m, 3)
+    vertices_xyz : (n, 3) meters, of the aligned mesh with its long edges halved; faces : (m, 3)
     deviations : (n,) meters, positive outside; NaN at vertices that were not measured
     uncertainty : (n,) meters, standard uncertainty of the deviations; NaN if it is not known
     region_names : of all regions of the nominal, the largest first; their numbers begin at 1
@@ -95,6 +97,7 @@ def inspect(
     :raises ParameterError: a tolerance is for a feature that the nominal does not have, or a
         section does not cut it
     """
+    mesh = sampled(mesh)
     nominal, notes = oriented(nominal)
     found = segment_surface(nominal.vertices_xyz, nominal.faces)
     settings.tolerances.require_known(['all', *(region.name for region in found)])
@@ -224,13 +227,6 @@ def _notes(
             'are judged as if it were exact'
         )
     return found
-
-
-def vertex_areas(vertices_xyz: Floats, faces: Ints) -> Floats:
-    """Return a third of the area of the faces around each vertex, (n,) square meters."""
-    a, b, c = (vertices_xyz[faces[:, index]] for index in range(3))
-    third = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6.0
-    return np.asarray(np.bincount(faces.ravel(), np.repeat(third, 3), len(vertices_xyz)))
 
 
 def _lever_arm(vertices: Floats, measured: Ints) -> Floats:

@@ -26,8 +26,8 @@ class SurfaceResult:
     """
     Deviations and verdict of a region or of the whole surface.
 
-    deviation : of the vertices that decide, or of all if none does
-    within : fraction of these within tolerance
+    deviation : of the vertices that decide, or of all if none does, weighted by their area
+    within : fraction of their area within tolerance
     coverage : fraction of the area that decides: measured, away from edges, and with an expanded
         uncertainty of at most a third of the tolerance
     budget : medians over the vertices that decide
@@ -64,8 +64,8 @@ def measure_surface(
         verdict = judge_surface(deviations, u, tolerance, min(strays, len(u) // 20))
     return SurfaceResult(
         name=name,
-        deviation=summarize(deviations),
-        within=float(np.mean(np.abs(deviations) <= tolerance)),
+        deviation=summarize(deviations, comparison.area[used]),
+        within=float(np.average(np.abs(deviations) <= tolerance, weights=comparison.area[used])),
         coverage=coverage,
         tolerance=tolerance,
         budget=Budget(components=comparison.uncertainty.medians(used)),

@@ -3,7 +3,7 @@
 """
 Machined metal with inter-reflections: path-traced pictures of the held half, see ``bench.metal``.
 
-Needs the extra ``bench`` (Mitsuba 3) and a libLLVM of version 16 or later, once, for the pictures.
+Needs the extra ``bench`` (Mitsuba 3) and a libLLVM of version 19 or later, once, for the pictures.
 """
 
 from collections.abc import Iterator
@@ -16,6 +16,7 @@ import numpy as np
 from bench import at_least
 from bench import at_most
 from bench import Number
+from bench.metal import full_turn
 from bench.metal import measures
 from bench.metal import overlay
 from bench.metal import pictures
@@ -44,6 +45,7 @@ def run() -> Iterator[Number]:
         for material in MATERIALS:
             pictures.render_all(pictures.shots(HELD, material))
             yield from kept(material)
+        yield from full_turn.run(HELD, 'rough aluminium')
         yield clock()
     finally:
         cv2.setNumThreads(threads)

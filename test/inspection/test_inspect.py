@@ -91,7 +91,7 @@ def test_perfect_part_passes_and_one_that_is_too_large_fails():
     assert bad.whole.deviation.mean > 0.1e-3
     said = document(bad, InspectSettings())
     assert said['verdict'] == 'fail'
-    assert 0 < said['surface'][0]['vertices'] < len(large.vertices_xyz)
+    assert 0 < said['surface'][0]['vertices'] < len(bad.vertices_xyz)
 
 
 def test_doubtful_scale_of_the_cell_decides_with_the_verdict_and_is_said():
@@ -171,9 +171,6 @@ def test_vertices_that_an_edge_may_displace_do_not_decide():
 
 
 def test_features_of_a_shaft_are_found_and_sized():
-    # the vertices of the solid lie on its edges
-    found = inspect(body(SHAFT), body(SHAFT), settings_of(edge=0.0, align='none'))
-    assert {f.reason != '' for f in found.features} == {True}
     fine = subdivided(SHAFT, 3)
     found = inspect(fine, body(SHAFT), settings_of(align='none'))
     round_ = [f for f in found.features if f.nominal.kind == 'cylinder']
@@ -249,7 +246,7 @@ def test_what_closes_a_mesh_is_not_judged():
     found = inspect(closing, body(BOX), settings_of())
     assert found.whole.verdict == 'pass'
     assert len(found.unseen) == 1 and len(found.regions) == 5
-    assert np.isnan(found.deviations[bottom]).all()
+    assert np.isnan(found.deviations[: len(bottom)][bottom]).all()
     assert document(found, settings_of())['unseen'] == found.unseen
     # a file without sigma does not say what was measured
     bare = inspect(replace(closing, sigma=None), body(BOX), settings_of())

@@ -24,9 +24,9 @@ from ivfmc_ros.cli.support.sole_cell import sole_cell
 from ivfmc_ros.cli.up import log_of
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.inspection.deviation import Deviation
-from ivfmc_ros.inspection.deviation import summarize
 from ivfmc_ros.inspection.reports.deviation_image import write_deviation_image
 from ivfmc_ros.inspection.reports.json_report import write_report
+from ivfmc_ros.inspection.sampled_mesh import mesh_deviation
 from ivfmc_ros.meshing.io.export import write_solid
 from ivfmc_ros.meshing.io.stl import read_stl
 from ivfmc_ros.nodes.framework.environment import config_file
@@ -76,7 +76,7 @@ def run_graph(output: Path, seed: int, wanted: Mapping[str, Any]) -> None:
         _await_report(client, result, _alive(processes))
     vertices, faces = read_stl(Path(result['files']['mesh.stl']))
     nominal = Surface(part.vertices_xyz, part.faces)
-    deviation = summarize(nominal.signed_distance(vertices))
+    deviation = mesh_deviation(vertices, faces, nominal)
     write_report(
         output / 'demo.json',
         {'deviation_m': {'mesh': vars(deviation)}, 'seconds': seconds, 'scan': result},

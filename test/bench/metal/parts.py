@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Machined parts with concave corners, holes, grooves, facing walls and fillets."""
 
+from functools import cache
+
 import numpy as np
 
 from ivfmc_ros.simulation.parts.loading import Solid
@@ -14,6 +16,7 @@ from ivfmc_ros.simulation.parts.prism import stack
 _FILLET_LAYERS = 12  # of a quarter of a circle; a chord is 9 um from a fillet of 4 mm
 
 
+@cache
 def flange() -> Solid:
     """Development: a flange with a hub and a bore, five bolt holes, a sharp concave corner."""
     bolts = [circle(0.004, place)[::-1] for place in _around(5, 0.037)]
@@ -27,6 +30,7 @@ def flange() -> Solid:
     )
 
 
+@cache
 def channel() -> Solid:
     """Development: a block with a channel of facing walls 18 mm apart, a groove and a step."""
     base = _rectangle(-0.036, 0.036, -0.030, 0.030)
@@ -46,6 +50,7 @@ def channel() -> Solid:
     )
 
 
+@cache
 def gland() -> Solid:
     """Held: a flange whose hub rises from a fillet of 4 mm, with a turned groove and a bore."""
     bolts = [circle(0.0045, place)[::-1] for place in _around(4, 0.036, 0.4)]
@@ -76,6 +81,7 @@ def gland() -> Solid:
     )
 
 
+@cache
 def bracket() -> Solid:
     """Held: an angle of two walls on a plate, with a pocket of round corners and a blind hole."""
     plate = _rectangle(-0.034, 0.034, -0.032, 0.032)

@@ -28,7 +28,7 @@ from ivfmc_ros.simulation.render.scene import part_from_camera
 from ivfmc_ros.simulation.render.scene import Scene
 
 VARIANT = 'llvm_ad_mono'
-_LEAST_LLVM = 16
+_LEAST_LLVM = 19
 # Part of the names of kept pictures: to be raised with each change of this file that they show.
 VERSION = 1
 PLATTER = Platter(radius=0.06)
@@ -216,7 +216,7 @@ def _mitsuba() -> Any:
     :raises RuntimeError: Mitsuba or a libLLVM that it can use is not installed
     """
     if 'DRJIT_LIBLLVM_PATH' not in os.environ:
-        # the compiler of Dr.Jit aborts the process with LLVM 15 and earlier
+        # the compiler of Dr.Jit aborts the process with LLVM 14 to 16
         found = {
             int(match.group(1)): path
             for path in Path('/usr/lib').glob('*/libLLVM*')
