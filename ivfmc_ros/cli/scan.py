@@ -23,12 +23,14 @@ from ivfmc_ros.cli.support.output import print_json
 from ivfmc_ros.cli.support.progress import ProgressLines
 from ivfmc_ros.cli.support.quantities import angle
 from ivfmc_ros.cli.support.quantities import duration
+from ivfmc_ros.cli.support.quantities import length
 from ivfmc_ros.cli.up import interrupted
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import StateError
 from ivfmc_ros.meshing.io.export import FORMATS
 from ivfmc_ros.scan.request import MOTIONS
+from ivfmc_ros.scan.view_coverage import MIN_SPACING
 
 # Seconds after which a status has to come, at the latest with the result.
 _STATUS_S = 20.0
@@ -52,6 +54,12 @@ _SILENCE_S = 5.0
     help='By which a scan with one laser exceeds the turn, to show lost steps; 0: not.',
 )
 @click.option('--profiles', type=int, help='Profiles of each view.')
+@click.option(
+    '--max-spacing',
+    type=length(MIN_SPACING, 1.0),
+    help='Of neighboring profiles on the part, such as 0.3mm; where they are farther apart, the '
+    'angles are taken again in finer steps.',
+)
 @click.option('--motion', type=click.Choice(MOTIONS), help='How the table turns.')
 @click.option(
     '--dark-frames/--no-dark-frames',

@@ -42,6 +42,15 @@ def merged(holes: Sequence[Range]) -> list[Range]:
     return found
 
 
+def joined(ranges: Sequence[Range], most: int) -> list[Range]:
+    """Return ascending ranges, the nearest of them joined until there are at most so many."""
+    found = list(ranges)
+    while len(found) > most:
+        at = min(range(len(found) - 1), key=lambda k: found[k + 1][0] - found[k][1])
+        found[at : at + 2] = [(found[at][0], found[at + 1][1])]
+    return found
+
+
 def without_turns(hole: Range) -> Range:
     """Return a range of angles without the whole turns before it."""
     turns = _TURN * math.floor(hole[0] / _TURN + _ROUNDING)

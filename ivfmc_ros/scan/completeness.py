@@ -10,14 +10,13 @@ interrupted has several parts; the triangulator leaves out other turns in each.
 
 from collections.abc import Mapping
 from collections.abc import Sequence
-from dataclasses import dataclass
 from dataclasses import replace
 from itertools import pairwise
 import math
 from typing import Any
 
-from ivfmc_ros.scan.angle_ranges import degrees_of
 from ivfmc_ros.scan.angle_ranges import gaps
+from ivfmc_ros.scan.angle_ranges import joined
 from ivfmc_ros.scan.angle_ranges import merged
 from ivfmc_ros.scan.angle_ranges import Range
 from ivfmc_ros.scan.angle_ranges import without_turns
@@ -25,9 +24,15 @@ from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.plan import NOT_MEASURED
 from ivfmc_ros.scan.plan import Plan
 from ivfmc_ros.scan.plan import Sweep
+from ivfmc_ros.scan.profile_spacing import greatest_radius
+from ivfmc_ros.scan.profile_spacing import greatest_spacing
+from ivfmc_ros.scan.profile_spacing import Place
+from ivfmc_ros.scan.profile_spacing import wide_ranges
+from ivfmc_ros.scan.view_coverage import CompletenessLimits
+from ivfmc_ros.scan.view_coverage import incomplete_reason
+from ivfmc_ros.scan.view_coverage import ViewCoverage
 from ivfmc_ros.storage.matching.image_loss import ImageLoss
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
-from ivfmc_ros.validation import require_in_range
 
 _TURN = 2.0 * math.pi
 
@@ -36,70 +41,15 @@ _MARGIN_STEPS = 3.0
 # Least number of profiles of a repeated sweep and of an interrupted one: the motion model is
 # fitted to 12 or more, and views without it are left out (``registration.views.motion_fit``).
 _MIN_RETAKEN = 20
-# With more holes the range that holds all of them is taken again in one sweep.
+# With more holes the nearest ones are taken again in one sweep.
 _MAX_HOLES = 3
+# Share of the greatest spacing that a denser sweep aims at, as the rate of a camera varies, and
+# how many times finer its steps are at most.
+_AIM, _MOST_DENSE = 0.8, 10.0
 # The table stops within this many steps of a planned angle.
 _TOLERANCE_STEPS = 0.1
 # Part of a step that is rounding.
 _ROUNDING = 1e-4
-
-
-@dataclass(frozen=True, kw_only=True)
-class CompletenessLimits:
-    """
-    What a complete view has at least.
-
-    max_gap : greatest difference in angle of neighboring profiles, in planned steps
-    min_profiles : share of the planned profiles that were received, 0 to 1
-    min_stripe : share of the profiles that have a point, 0 to 1; a part that is off the axis is
-        not in the light sheet at all angles
-    """
-
-    max_gap: float = 3.5
-    min_profiles: float = 0.6
-    min_stripe: float = 0.05
-
-    def __post_init__(self) -> None:
-        require_in_range('max_gap', self.max_gap, 1.5, 1e6)
-        require_in_range('min_profiles', self.min_profiles, 0.0, 1.0)
-        require_in_range('min_stripe', self.min_stripe, 0.0, 1.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ViewCoverage:
-    """
-    What came of a planned view, the views that were taken again included.
-
-    planned, profiles : planned and received number of profiles in the planned range of angles
-    largest_gap : greatest difference in angle of neighboring profiles, radians
-    missing : ranges of angles without profiles, radians of the table position
-    stripe : share of the profiles that have a point
-    retaken : numbers of the views that were taken again
-    why : why the view is incomplete, '' where it is complete
-    """
-
-    view: int
-    laser: str
-    planned: int
-    profiles: int
-    largest_gap: float
-    missing: tuple[Range, ...]
-    stripe: float
-    retaken: tuple[int, ...] = ()
-    why: str = ''
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return JSON-serializable values; angles in degrees."""
-        return {
-            'view': self.view,
-            'laser': self.laser,
-            'planned': self.planned,
-            'profiles': self.profiles,
-            'largest_gap_deg': round(math.degrees(self.largest_gap), 2),
-            'missing_deg': [degrees_of(hole) for hole in self.missing],
-            'stripe_share': round(self.stripe, 3),
-            'retaken_as': list(self.retaken),
-        }
 
 
 class Completeness:
@@ -143,22 +93,52 @@ class Completeness:
 
     def retakes(self, sweep: Sweep, headers: Mapping[int, ProfileHeader]) -> list[Sweep]:
         """
-        Return the sweeps that take the missing angles of a continuous sweep again.
+        Return the sweeps that take missing angles again, or else those of wide spacing.
 
         Each is a view of its own, because the table motion is fitted for each view. In step motion
-        every profile is waited for, so that there is nothing to take again.
+        every profile is waited for, so that none is missing.
 
         headers : of all profiles of the scan, by number
         """
+        return self._missing(sweep, headers) or self._denser(sweep, headers)
+
+    def _missing(self, sweep: Sweep, headers: Mapping[int, ProfileHeader]) -> list[Sweep]:
+        """Return the sweeps that take the missing angles of a continuous sweep again."""
         if not sweep.velocity > 0.0:
             return []
         runs = self._header_runs(sweep, sweep.lasers[0], headers)
         holes = self._holes(sweep, runs)
         if self._count(sweep, runs) < self._limits.min_profiles * sweep.profiles:
             holes = [self._range(sweep)]
-        if len(holes) > _MAX_HOLES:
-            holes = [(holes[0][0], holes[-1][1])]
-        return [self._retake(sweep, hole) for hole in holes]
+        return [self._retake(sweep, hole) for hole in joined(holes, _MAX_HOLES)]
+
+    def _denser(self, sweep: Sweep, headers: Mapping[int, ProfileHeader]) -> list[Sweep]:
+        """Return the sweeps of finer steps where neighboring profiles are far from each other."""
+        limit = self._limits.max_spacing
+        # a triggered camera exposes at the same angles again
+        if not limit or sweep.trigger_step:
+            return []
+        places = [self._places(sweep, laser, headers) for laser in sweep.lasers]
+        wide = merged([between for of_laser in places for between in wide_ranges(of_laser, limit)])
+        finest = sweep.span / sweep.profiles / _MOST_DENSE
+        denser = []
+        for between in joined(wide, _MAX_HOLES):
+            radius = max(greatest_radius(of_laser, between) for of_laser in places)
+            denser.append(self._retake(sweep, between, max(_AIM * limit / radius, finest)))
+        return denser
+
+    def _places(
+        self, sweep: Sweep, laser: str, headers: Mapping[int, ProfileHeader]
+    ) -> list[Place]:
+        """Return the profiles in the planned range of angles."""
+        begin, end = self._range(sweep)
+        numbers, omitted = self._numbers(sweep, laser), self._omitted(headers)
+        own = (header for header in headers.values() if header.view in numbers)
+        places = (
+            (header.angle + omitted[header.view] - numbers[header.view], header.reach)
+            for header in own
+        )
+        return sorted(place for place in places if begin <= place[0] <= end)
 
     def remaining(self, sweep: Sweep, headers: Mapping[int, ProfileHeader]) -> list[Sweep]:
         """
@@ -268,13 +248,15 @@ class Completeness:
             profiles=self._count(sweep, runs),
             largest_gap=max((high - low for low, high in open_ranges), default=0.0),
             missing=tuple(without_turns(hole) for hole in merged(holes)),
+            spacing=greatest_spacing(self._places(sweep, laser, headers)),
             stripe=sum(header.points > 0 for header in own) / len(own) if own else 0.0,
             retaken=tuple(sorted(numbers)[1:]),
         )
-        return replace(coverage, why=_reason(coverage, self._limits))
+        return replace(coverage, why=incomplete_reason(coverage, self._limits))
 
-    def _retake(self, sweep: Sweep, hole: Range) -> Sweep:
-        step = sweep.span / sweep.profiles
+    def _retake(self, sweep: Sweep, hole: Range, step: float | None = None) -> Sweep:
+        """Return the sweep over a range of angles, in steps (radians) as planned or finer."""
+        step = step or sweep.span / sweep.profiles
         begin, end = hole[0] - _MARGIN_STEPS * step, hole[1] + _MARGIN_STEPS * step
         is_step = not sweep.velocity > 0.0
         short = 0.0 if is_step else max(0.0, _MIN_RETAKEN * step - (end - begin))
@@ -371,19 +353,3 @@ class Completeness:
             turns = _TURN * round((begins.get(start.view, start.angle) - start.angle) / _TURN)
             found.update({header.view: turns for header in part.values()})
         return found
-
-
-def _reason(found: ViewCoverage, limits: CompletenessLimits) -> str:
-    """Return why a view is incomplete, '' where it is complete."""
-    name = f'view {found.view} (laser {found.laser})'
-    if found.missing:
-        texts = [f'{low} to {high} degrees' for low, high in map(degrees_of, found.missing)]
-        return f'{name}: no profiles from {", ".join(texts)}'
-    if found.profiles < limits.min_profiles * found.planned:
-        return f'{name}: {found.profiles} of {found.planned} profiles were received'
-    if found.stripe < limits.min_stripe:
-        return (
-            f'{name}: only {100.0 * found.stripe:.1f} % of the profiles have a stripe; check '
-            'laser and exposure'
-        )
-    return ''

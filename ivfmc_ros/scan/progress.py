@@ -3,6 +3,7 @@
 """Progress of a scan: views and profiles done, and the estimated time to its end."""
 
 from collections.abc import Callable
+from collections.abc import Sequence
 
 from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.plan import Plan
@@ -23,17 +24,21 @@ class ScanProgress:
     """
     Counts the recorded profiles and finished views of a scan.
 
-    ``profiles_done`` never exceeds the planned number, although the lead angle of a continuous
+    ``profiles_done`` never exceeds ``profiles_total``, although the lead angle of a continuous
     sweep yields additional profiles.
+
+    profiles_total : planned profiles, and those of the angles that are taken again
     """
 
     def __init__(self, plan: Plan, motion: MotionLimits, clock: Callable[[], float]) -> None:
         """``clock``: returns seconds; never jumps."""
-        self._plan = plan
+        self._plan, self._motion = plan, motion
         self._clock = clock
         self._stage = Stage.IDLE
         self._scanning_since_s = clock()
         self._planned_s = sum(_duration_s(sweep, motion) for sweep in plan.sweeps)
+        self._repeated_s = 0.0
+        self.profiles_total = plan.profiles
         self.profiles_done = 0
         self.views_done = 0
 
@@ -44,11 +49,18 @@ class ScanProgress:
         self._stage = stage
         if stage in _PROCESSING_STAGES or stage is Stage.DONE:
             self.views_done = self._plan.views
-            self.profiles_done = self._plan.profiles
+            self.profiles_done = self.profiles_total
+
+    def set_begun(self, sweeps: Sequence[Sweep]) -> None:
+        """Store all sweeps that have begun; what they take again is work beside the plan."""
+        repeated = [sweep for sweep in sweeps if sweep.retake_of is not None]
+        self._repeated_s = sum(_duration_s(sweep, self._motion) for sweep in repeated)
+        more = sum(sweep.profiles * len(sweep.lasers) for sweep in repeated)
+        self.profiles_total = self._plan.profiles + more
 
     def set_recorded_profiles(self, profiles: int) -> None:
         """Store the number of profiles that the recorder has written."""
-        self.profiles_done = min(profiles, self._plan.profiles)
+        self.profiles_done = min(profiles, self.profiles_total)
 
     def set_current_view(self, view: int) -> None:
         """Store the view number of the last profile."""
@@ -61,7 +73,7 @@ class ScanProgress:
         """Return the estimated seconds until the scan is done."""
         if self._stage in FINAL_STAGES:
             return 0.0
-        total = self._plan.profiles
+        total = self.profiles_total
         processing = _PROCESSING_S * total
         if self._stage in _PROCESSING_STAGES:
             count = len(_PROCESSING_STAGES)
@@ -69,8 +81,9 @@ class ScanProgress:
         share = self.profiles_done / total
         elapsed = self._clock() - self._scanning_since_s
         # the extrapolated duration replaces the planned one in proportion to the share done
-        extrapolated = elapsed / share if share > 0.0 else self._planned_s
-        whole = share * extrapolated + (1.0 - share) * self._planned_s
+        expected = self._planned_s + self._repeated_s
+        extrapolated = elapsed / share if share > 0.0 else expected
+        whole = share * extrapolated + (1.0 - share) * expected
         return (1.0 - share) * whole + processing
 
 

@@ -27,10 +27,10 @@ from ivfmc_ros.inspection.settings import ALIGNMENTS
 from ivfmc_ros.inspection.settings import InspectSettings
 from ivfmc_ros.inspection.tolerances import feature_tolerances
 from ivfmc_ros.meshing.io.export import UNITS
-from ivfmc_ros.scan.completeness import CompletenessLimits
 from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.request import require_name
 from ivfmc_ros.scan.request import ScanRequest
+from ivfmc_ros.scan.view_coverage import CompletenessLimits
 from ivfmc_ros.validation import require_one_of
 
 _SUFFIX = '.yaml'

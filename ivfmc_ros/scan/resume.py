@@ -29,7 +29,6 @@ from ivfmc_ros.errors import RecipeError
 from ivfmc_ros.errors import ResumeError
 from ivfmc_ros.scan import scan_folder
 from ivfmc_ros.scan.completeness import Completeness
-from ivfmc_ros.scan.completeness import CompletenessLimits
 from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.plan import Plan
 from ivfmc_ros.scan.plan import Sweep
@@ -38,6 +37,7 @@ from ivfmc_ros.scan.request import ScanRequest
 from ivfmc_ros.scan.state_machine import Stage
 from ivfmc_ros.scan.stored_recipe import load_stored_recipe
 from ivfmc_ros.scan.stored_recipe import RECIPE_FOLDER
+from ivfmc_ros.scan.view_coverage import CompletenessLimits
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 from ivfmc_ros.storage.recording.taken_profiles import read_taken_profiles
 from ivfmc_ros.storage.recording.taken_profiles import TakenProfiles

@@ -13,7 +13,6 @@ from support.synthetic import small_cell
 from ivfmc_ros.cell.cell_file import save_cell
 from ivfmc_ros.meshing.io.export import write_solid
 from ivfmc_ros.scan import scan_folder
-from ivfmc_ros.scan.completeness import CompletenessLimits
 from ivfmc_ros.scan.plan import make_plan
 from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.request import ScanRequest
@@ -21,6 +20,7 @@ from ivfmc_ros.scan.resume import CAN_RESUME
 from ivfmc_ros.scan.resume import COURSE
 from ivfmc_ros.scan.resume import Course
 from ivfmc_ros.scan.stored_recipe import RECIPE_FOLDER
+from ivfmc_ros.scan.view_coverage import CompletenessLimits
 from ivfmc_ros.simulation.parts.solids import box
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 

@@ -5,12 +5,14 @@ import math
 
 import pytest
 
+from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.scan.completeness import Completeness
 from ivfmc_ros.scan.plan import after_position
 from ivfmc_ros.scan.plan import make_plan
 from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.plan import Sweep
 from ivfmc_ros.scan.request import ScanRequest
+from ivfmc_ros.scan.view_coverage import CompletenessLimits
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 
 MOTION = MotionLimits()
@@ -21,10 +23,12 @@ PERIOD_NS = 100_000_000
 class Scan:
     """A scan of which the images of some angles, degrees, do not come."""
 
-    def __init__(self, position=0.0, **values):
+    def __init__(self, position=0.0, max_spacing=0.0, **values):
         values = {'profiles': 200, 'lasers': ('left',), 'closure': 0.0, **values}
         self.plan = make_plan(ScanRequest(**values), ('left', 'right'), MOTION, position)
-        self.completeness = Completeness(self.plan, MOTION)
+        limits = CompletenessLimits(max_spacing=max_spacing)
+        self.completeness = Completeness(self.plan, MOTION, limits)
+        self.radius = lambda angle: 0.0
         self.headers = {}
         self.infos = []
         self.stamp_ns = 1_700_000_000_000_000_000
@@ -52,7 +56,7 @@ class Scan:
         self.infos.append(self.stamp_ns)
         self.headers[seq] = ProfileHeader(
             seq=seq, view=view, laser=0, angle=angle - self.turns, points=points,
-            stamp_ns=self.stamp_ns,
+            stamp_ns=self.stamp_ns, reach=self.radius(angle),
         )  # fmt: skip
 
     def coverage(self, registered=()):
@@ -117,21 +121,25 @@ def test_short_hole_is_taken_again_with_enough_profiles_for_the_motion_model():
     assert retake.profiles >= 20
 
 
-def test_many_holes_are_taken_again_in_one_sweep():
+def test_many_holes_are_taken_again_in_few_sweeps():
     scan = Scan()
     sweep = scan.plan.sweeps[0]
     scan.take(sweep)
     holes = (30.0, 100.0, 170.0, 240.0, 310.0)
-    start = (
-        math.degrees(sweep.start) if scan.turns is None else math.degrees(sweep.start - scan.turns)
-    )
+    start = math.degrees(sweep.start - scan.turns)
     scan.headers = {
         seq: header
         for seq, header in scan.headers.items()
         if all(not hole <= math.degrees(header.angle) - start < hole + 9.0 for hole in holes)
     }
-    (retake,) = scan.completeness.retakes(sweep, scan.headers)
-    assert math.degrees(retake.span) > 280.0
+    retakes = scan.completeness.retakes(sweep, scan.headers)
+    assert len(retakes) == 3
+    ranges = [
+        [math.degrees(angle) - start for angle in (one.start, one.start + one.span)]
+        for one in retakes
+    ]
+    for hole in holes:
+        assert any(low < hole and hole + 9.0 < high for low, high in ranges)
 
 
 def test_view_with_too_few_profiles_is_incomplete():
@@ -289,3 +297,79 @@ def test_retake_that_is_interrupted_is_completed():
     scan.take(after_position(last, MOTION, 0.0))
     (view,) = scan.coverage()
     assert (view.why, view.retaken) == ('', (1, 2))
+
+
+def far_from_the_axis(angle):
+    """Return the radius of a part that is 50 mm at 90 to 180 degrees, and 10 mm elsewhere."""
+    return 0.05 if math.pi / 2 <= angle % TURN <= math.pi else 0.01
+
+
+@pytest.mark.parametrize('motion', ['step', 'continuous'])
+def test_angles_of_wide_spacing_are_taken_again_in_finer_steps(motion):
+    # 1.8 degrees are 1.57 mm at 50 mm and 0.31 mm at 10 mm
+    scan = Scan(motion=motion, max_spacing=0.5e-3, lasers=('left', 'right'))
+    scan.radius = far_from_the_axis
+    position = 0.0
+    for sweep in scan.plan.sweeps:
+        scan.take(sweep)
+        (denser,) = scan.completeness.retakes(sweep, scan.headers)
+        assert denser.span / denser.profiles == pytest.approx(0.4e-3 / 0.05, rel=0.01)
+        begin = math.degrees(denser.start) % 360.0
+        assert 75.0 < begin < 91.0
+        assert 90.0 < math.degrees(denser.span) < 110.0
+        position = max(position, sweep.end(MOTION))
+        scan.take(after_position(denser, MOTION, position))
+        assert scan.completeness.retakes(sweep, scan.headers) == []
+    for view in scan.coverage():
+        assert view.why == ''
+        assert 0.3e-3 < view.spacing <= 0.5e-3
+        assert view.as_dict()['largest_spacing_mm'] == pytest.approx(1e3 * view.spacing, abs=1e-3)
+
+
+def test_spacing_that_cannot_be_met_is_said():
+    scan = Scan(max_spacing=0.1e-3)
+    scan.radius = lambda angle: 0.05
+    (sweep,) = scan.plan.sweeps
+    scan.take(sweep)
+    (denser,) = scan.completeness.retakes(sweep, scan.headers)
+    # never more than ten times the planned number
+    assert denser.profiles <= 10 * sweep.profiles
+    (view,) = scan.coverage()
+    assert view.why == (
+        'view 0 (laser left): neighboring profiles are up to 1.57 mm apart on the part, '
+        'max_spacing is 0.10 mm'
+    )
+
+
+def test_missing_angles_come_before_finer_steps():
+    scan = Scan(max_spacing=0.5e-3)
+    scan.radius = far_from_the_axis
+    (sweep,) = scan.plan.sweeps
+    scan.take(sweep, lost=(200.0, 260.0))
+    (retake,) = scan.completeness.retakes(sweep, scan.headers)
+    assert retake.span / retake.profiles == pytest.approx(sweep.span / sweep.profiles, rel=0.02)
+
+
+def test_spacing_without_a_limit_is_only_stated():
+    scan = Scan()
+    scan.radius = lambda angle: 0.05
+    (sweep,) = scan.plan.sweeps
+    scan.take(sweep)
+    assert scan.completeness.retakes(sweep, scan.headers) == []
+    (view,) = scan.coverage()
+    assert (view.why, view.spacing) == ('', pytest.approx(0.05 * math.radians(1.8)))
+
+
+def test_camera_that_pulses_trigger_cannot_take_finer_steps():
+    scan = Scan(max_spacing=0.5e-3)
+    scan.radius = lambda angle: 0.05
+    sweep = replace(scan.plan.sweeps[0], trigger_step=math.radians(1.8))
+    scan.take(sweep)
+    assert scan.completeness.retakes(sweep, scan.headers) == []
+    assert 'max_spacing is 0.50 mm' in scan.coverage()[0].why
+
+
+@pytest.mark.parametrize('max_spacing', [-1.0, 1e-9, math.nan])
+def test_spacing_that_is_none_is_refused(max_spacing):
+    with pytest.raises(ParameterError, match='max_spacing'):
+        CompletenessLimits(max_spacing=max_spacing)

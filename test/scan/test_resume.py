@@ -17,7 +17,6 @@ from ivfmc_ros.errors import FileError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import ResumeError
 from ivfmc_ros.scan import scan_folder
-from ivfmc_ros.scan.completeness import CompletenessLimits
 from ivfmc_ros.scan.plan import make_plan
 from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.request import ScanRequest
@@ -27,6 +26,7 @@ from ivfmc_ros.scan.resume import Course
 from ivfmc_ros.scan.resume import last_interrupted
 from ivfmc_ros.scan.resume import load_interrupted
 from ivfmc_ros.scan.resume import require_scan_id
+from ivfmc_ros.scan.view_coverage import CompletenessLimits
 
 REQUEST = ScanRequest(profiles=80)
 PLAN = make_plan(REQUEST, ('left', 'right'), MotionLimits())

@@ -27,11 +27,11 @@ from ivfmc_ros.nodes.processing import worker_jobs
 from ivfmc_ros.nodes.scanning.scan_checks import ScanChecks
 from ivfmc_ros.registration.views.assemble import angle_runs
 from ivfmc_ros.scan.clock_monitor import ClockMonitor
-from ivfmc_ros.scan.completeness import CompletenessLimits
 from ivfmc_ros.scan.job import Outcome
 from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.plan import Plan
 from ivfmc_ros.scan.plan import Sweep
+from ivfmc_ros.scan.view_coverage import CompletenessLimits
 from ivfmc_ros.storage.matching.frame_matching import FrameMatcher
 from ivfmc_ros.storage.matching.frame_matching import MatchSettings
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader

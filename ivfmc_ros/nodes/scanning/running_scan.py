@@ -150,6 +150,7 @@ class RunningScan:
 
     def _save_begun(self) -> None:
         """Store which sweeps have begun, and by which zero of the table."""
+        self._progress.set_begun(self.tools.begun)
         self._course = replace(
             self._course,
             begun=tuple(self.tools.begun),
@@ -237,7 +238,7 @@ class RunningScan:
             'views_done': str(progress.views_done),
             'views_total': str(self.context.plan.views),
             'profiles_done': str(progress.profiles_done),
-            'profiles_total': str(self.context.plan.profiles),
+            'profiles_total': str(progress.profiles_total),
             'eta_s': f'{progress.eta_s():.1f}',
             'code': '' if result is None else str(result['code']),
             'verdict': '' if result is None else str(result.get('verdict', '')),
@@ -304,7 +305,7 @@ class RunningScan:
             'views_done': self._progress.views_done,
             'views_total': self.context.plan.views,
             'profiles_done': self._progress.profiles_done,
-            'profiles_total': self.context.plan.profiles,
+            'profiles_total': self._progress.profiles_total,
             PENDING: outcome is not None and self.tools.has_figures,
             CAN_RESUME: outcome is None or self._can_resume(outcome.code),
             COURSE: self._course.as_dict(),

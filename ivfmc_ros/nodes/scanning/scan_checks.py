@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 from ivfmc_ros.nodes.scanning.cell_link import CellLink
 from ivfmc_ros.scan.completeness import Completeness
-from ivfmc_ros.scan.completeness import CompletenessLimits
 from ivfmc_ros.scan.job import Outcome
 from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.plan import Plan
 from ivfmc_ros.scan.plan import Sweep
 from ivfmc_ros.scan.resume import Course
+from ivfmc_ros.scan.view_coverage import CompletenessLimits
 
 _INCOMPLETE = 'INCOMPLETE'
 

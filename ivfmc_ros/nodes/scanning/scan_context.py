@@ -5,12 +5,12 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from ivfmc_ros.scan.completeness import CompletenessLimits
 from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.plan import Plan
 from ivfmc_ros.scan.recipe import Recipe
 from ivfmc_ros.scan.request import ScanRequest
 from ivfmc_ros.scan.resume import InterruptedScan
+from ivfmc_ros.scan.view_coverage import CompletenessLimits
 
 
 @dataclass(frozen=True, kw_only=True)

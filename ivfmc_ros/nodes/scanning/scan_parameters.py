@@ -18,12 +18,12 @@ from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.scanning.acceptance_check import declare_check_parameters
 from ivfmc_ros.nodes.scanning.acceptance_check import require_check
 from ivfmc_ros.scan import request as scan
-from ivfmc_ros.scan.completeness import CompletenessLimits
 from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.recipe import load_recipe
 from ivfmc_ros.scan.recipe import Recipe
 from ivfmc_ros.scan.request import ScanRequest
 from ivfmc_ros.scan.resume import require_scan_id
+from ivfmc_ros.scan.view_coverage import CompletenessLimits
 
 _HALF_TURN = math.pi
 _NAMES = 'letters, digits, . _ -, the first a letter or digit, at most 63'
@@ -228,6 +228,15 @@ def _declare_completeness(node: CellNode) -> None:
         default.min_stripe,
         'Least share of the profiles of a view that show the stripe; with fewer the scan ends as '
         'INCOMPLETE.',
+        low=0.0,
+        high=1.0,
+    )
+    node.parameter(
+        'max_spacing',
+        default.max_spacing,
+        'Meters, greatest distance of neighboring profiles on the part, at its outer points; '
+        'where it is greater, the angles are taken again in finer steps, else the scan ends as '
+        'INCOMPLETE. 0: as planned.',
         low=0.0,
         high=1.0,
     )

@@ -7,11 +7,16 @@ import math
 import struct
 from typing import Any
 
+import numpy as np
+
 from ivfmc_ros.errors import MessageError
 from ivfmc_ros.storage.messages import cdr
 
 # struct formats by datatype of sensor_msgs/PointField: UINT8, UINT16, UINT32, FLOAT32.
 _FORMATS = {2: 'B', 4: 'H', 6: 'I', 7: 'f'}
+_FLOAT32 = 7
+# Share of the points that ``reach`` holds: a stray one is not the part.
+_WITHIN = 0.98
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,6 +30,7 @@ class ProfileHeader:
     points : number of points; the message of a profile without points has one NaN point
     stamp_ns : start of exposure, nanoseconds
     speed : velocity of the table, radians per second; 0 at standstill or where it is unknown
+    reach : distance from the table axis, meters, within which 98 % of the points lie; 0 for none
     """
 
     seq: int
@@ -34,6 +40,7 @@ class ProfileHeader:
     points: int
     stamp_ns: int
     speed: float = 0.0
+    reach: float = 0.0
 
 
 def read_profile_header(cloud: Any) -> ProfileHeader:
@@ -55,6 +62,7 @@ def read_profile_header(cloud: Any) -> ProfileHeader:
         angle=float(_value(cloud, fields, 'angle')),
         speed=float(_value(cloud, fields, 'speed')) if 'speed' in fields else 0.0,
         points=cloud.width * cloud.height if not math.isnan(x) else 0,
+        reach=_reach(cloud, fields),
         stamp_ns=cdr.stamp_ns(cloud),
     )
 
@@ -69,3 +77,25 @@ def _value(cloud: Any, fields: dict[str, Any], name: str) -> float:
         return float(struct.unpack_from(kind, cloud.data, field.offset)[0])
     except struct.error as error:
         raise MessageError(f'profile: is too short for its field {name!r}') from error
+
+
+def _reach(cloud: Any, fields: dict[str, Any]) -> float:
+    x, y = fields['x'], fields.get('y')
+    if y is None or (x.datatype, y.datatype) != (_FLOAT32, _FLOAT32):
+        return 0.0
+    layout = np.dtype(
+        {
+            'names': ['x', 'y'],
+            'formats': ['<f4', '<f4'],
+            'offsets': [x.offset, y.offset],
+            'itemsize': cloud.point_step,
+        }
+    )
+    count = min(cloud.width * cloud.height, len(cloud.data) // cloud.point_step)
+    points = np.frombuffer(cloud.data, layout, count)
+    distance = np.hypot(points['x'], points['y'])
+    distance = distance[np.isfinite(distance)]
+    if not len(distance):
+        return 0.0
+    last = int(_WITHIN * (len(distance) - 1))
+    return float(np.partition(distance, last)[last])
