@@ -33,6 +33,7 @@ from ivfmc_ros.inspection.mesh_file import MeshBody
 from ivfmc_ros.inspection.mesh_file import read_mesh
 from ivfmc_ros.inspection.mesh_file import require_closed
 from ivfmc_ros.inspection.mesh_file import require_similar_size
+from ivfmc_ros.inspection.missing_surface import missing_texts
 from ivfmc_ros.inspection.reports.html import write_html
 from ivfmc_ros.inspection.reports.inspection_page import inspection_page
 from ivfmc_ros.inspection.reports.json_report import write_report
@@ -278,6 +279,8 @@ def _print(found: Inspection, figures: dict[str, Any], output: Path) -> None:
             stdout.print(escape(f'{row["name"]}: {row["reason"]}'), soft_wrap=True)
     if found.unseen:
         stdout.print(f'not measured, not judged: {", ".join(found.unseen)}')
+    for text in missing_texts(found.missing):
+        stdout.print(text, soft_wrap=True)
     stdout.print(f'verdict: {_colored(figures)}')
     for name in ('report.html', 'report.pdf', 'report.json'):
         if (output / name).exists():

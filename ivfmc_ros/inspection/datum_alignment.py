@@ -22,6 +22,7 @@ from ivfmc_ros.inspection.edges import edge_distance
 from ivfmc_ros.inspection.edges import region_of_faces
 from ivfmc_ros.inspection.mesh_file import MeshBody
 from ivfmc_ros.inspection.regions import segment_surface
+from ivfmc_ros.inspection.sampled_mesh import sampled
 from ivfmc_ros.inspection.settings import InspectSettings
 from ivfmc_ros.model import Floats
 from ivfmc_ros.surface import Surface
@@ -59,7 +60,7 @@ def align_features(
         raise ParameterError(f'datums: one to {_MAX_DATUMS} are needed, there are {len(datums)}')
     surface = Surface(nominal.vertices_xyz, nominal.faces)
     of_face = region_of_faces(list(regions.values()), len(nominal.faces))
-    points = _sound_points(mesh) * settings.conditions.to_reference
+    points = _sound_points(sampled(mesh)) * settings.conditions.to_reference
     T = align(points, surface, nominal.vertices_xyz, 'best_fit').nominal_from_mesh
     for _ in range(_ROUNDS):
         moved = transforms.apply(T, points)

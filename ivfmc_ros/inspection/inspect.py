@@ -19,6 +19,8 @@ from ivfmc_ros.inspection.edges import region_of_faces
 from ivfmc_ros.inspection.feature_measurement import FeatureResult
 from ivfmc_ros.inspection.feature_measurement import measure_features
 from ivfmc_ros.inspection.mesh_file import MeshBody
+from ivfmc_ros.inspection.missing_surface import missing_surface
+from ivfmc_ros.inspection.missing_surface import MissingSurface
 from ivfmc_ros.inspection.nominal_faults import align_to_nominal
 from ivfmc_ros.inspection.nominal_faults import oriented
 from ivfmc_ros.inspection.regions import segment_surface
@@ -59,6 +61,8 @@ class Inspection:
     calibrated : the uncertainty includes that of the calibration, or was stated as a whole
     sections : cuts of mesh and nominal by ``settings.sections``
     unseen : names of the nominal's regions without a measured vertex; they have no verdict
+    missing : what of the nominal was not measured, and how to lay the part for a further scan;
+        None where the cell is not known or the mesh does not lie on the nominal
     notes : what was found wrong with the nominal, and what was done about it
     misplaced : the mesh does not lie on the nominal: nothing is decided
     """
@@ -76,6 +80,7 @@ class Inspection:
     owner: Ints
     calibrated: bool
     unseen: list[str]
+    missing: MissingSurface | None
     notes: list[str]
     misplaced: bool
 
@@ -117,6 +122,7 @@ def inspect(
     ]
     area = float(sum(region.area for region in found))
     of_face = region_of_faces(found, len(nominal.faces))
+    misplaced = bool(placing) and alignment.method == settings.align
     return Inspection(
         vertices_xyz=comparison.vertices_xyz,
         faces=mesh.faces,
@@ -131,8 +137,23 @@ def inspect(
         owner=owner,
         calibrated=settings.vertex_u is not None or len(comparison.model.rigid) > 0,
         notes=notes + placing + _notes(mesh, settings, cell, comparison),
-        misplaced=bool(placing) and alignment.method == settings.align,
+        misplaced=misplaced,
         unseen=[region.name for k, region in enumerate(found) if not (owner == k).any()],
+        missing=None if cell is None or misplaced else _missing(nominal, found, comparison, cell),
+    )
+
+
+def _missing(
+    nominal: MeshBody, regions: Sequence[SurfaceRegion], comparison: Comparison, cell: Cell
+) -> MissingSurface:
+    measured = comparison.measured
+    R = comparison.nominal_from_mesh[:3, :3]
+    return missing_surface(
+        nominal,
+        regions,
+        comparison.vertices_xyz[measured],
+        comparison.normals[measured] @ R.T,
+        cell,
     )
 
 

@@ -20,12 +20,12 @@ from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
 from ivfmc_ros.cell.deviation import deviated
 from ivfmc_ros.cell.deviation import independent_deviations
+from ivfmc_ros.cell.visibility import faces_camera
+from ivfmc_ros.cell.visibility import lit_angles
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 
-# Minimum cosine between the normal and the direction to the camera of a point that is measured.
-_MIN_FACING = 0.1
 # Step of the numerical derivative, in standard deviations along a principal direction of a
 # covariance.
 _STEP = 1e-3
@@ -120,35 +120,12 @@ def _shift(cell: Cell, other: Cell, points: Floats, normals: Floats) -> Floats:
     """Return the displacement of points if images of ``cell`` are triangulated with ``other``."""
     total, count = np.zeros(points.shape), np.zeros(len(points))
     for index in range(len(cell.lasers)):
-        for angle in _angles(cell, index, points):
+        for angle in lit_angles(cell, index, points):
             there, found = _retriangulated(cell, other, index, points, angle)
-            seen = found & _is_seen(cell, points, normals, angle)
+            seen = found & faces_camera(cell, points, normals, angle)
             total[seen] += (there - points)[seen]
             count += seen
     return np.asarray(total / np.maximum(count, 1.0)[:, None])
-
-
-def _angles(cell: Cell, laser: int, points: Floats) -> Floats:
-    """Return the table angles (2, n) at which points lie in a laser plane; NaN if never."""
-    T = cell.turntable.camera_from_base
-    plane = cell.lasers[laser]
-    normal = T[:3, :3].T @ plane.normal
-    offset = plane.offset + float(plane.normal @ T[:3, 3]) + normal[2] * points[:, 2]
-    a = normal[0] * points[:, 0] + normal[1] * points[:, 1]
-    b = normal[1] * points[:, 0] - normal[0] * points[:, 1]
-    size = np.hypot(a, b)
-    with np.errstate(invalid='ignore', divide='ignore'):
-        half = np.arccos(-offset / size)
-    return np.stack([np.arctan2(b, a) + half, np.arctan2(b, a) - half])
-
-
-def _is_seen(cell: Cell, points: Floats, normals: Floats, angle: Floats) -> Bools:
-    eye = cell.turntable.to_part(np.zeros((1, 3)), 0.0)
-    turns = transforms.rotation_z(-np.nan_to_num(angle))
-    sight = (turns @ eye[0]) - points
-    facing = (sight * normals).sum(axis=1)
-    faces_camera = facing > _MIN_FACING * np.linalg.norm(sight, axis=1)
-    return np.asarray(np.isfinite(angle) & faces_camera)
 
 
 def _retriangulated(

@@ -93,6 +93,7 @@ def _short(figures: Mapping[str, Any]) -> dict[str, Any]:
         'file': INSPECTION,
         'notes': figures['notes'],
         'unseen': figures['unseen'],
+        'missing': figures['missing'],
         'characteristics': [{key: row[key] for key in _OF_CHARACTERISTIC} for row in rows],
         'surface': [{key: row[key] for key in _OF_SURFACE} for row in figures['surface']],
     }

@@ -13,6 +13,7 @@ from ivfmc_ros.inspection.budget import COVERAGE_FACTOR
 from ivfmc_ros.inspection.characteristics import FeatureCharacteristic
 from ivfmc_ros.inspection.feature_measurement import FeatureResult
 from ivfmc_ros.inspection.inspect import Inspection
+from ivfmc_ros.inspection.missing_surface import MissingSurface
 from ivfmc_ros.inspection.section_cut import SectionCut
 from ivfmc_ros.inspection.settings import InspectSettings
 from ivfmc_ros.inspection.surface_measurement import SurfaceResult
@@ -41,6 +42,7 @@ def document(inspection: Inspection, settings: InspectSettings) -> dict[str, Any
         },
         'conditions': asdict(settings.conditions),
         'unseen': inspection.unseen,
+        'missing': _missing(inspection.missing),
         'notes': inspection.notes,
         'surface': [
             _surface(result, numbers) for result in [inspection.whole, *inspection.regions]
@@ -66,6 +68,16 @@ def verdict(inspection: Inspection) -> str:
         return NOT_DECIDED
     verdicts = {result.verdict for result in [inspection.whole, *inspection.regions]}
     return overall(verdicts | {feature.verdict for feature in inspection.features})
+
+
+def _missing(missing: MissingSurface | None) -> dict[str, Any] | None:
+    if missing is None:
+        return None
+    poses = [
+        {'rests_on': list(one.rests_on), 'down': one.down.tolist(), 'shows': one.shows}
+        for one in missing.poses
+    ]
+    return {'share': missing.share, 'poses': poses}
 
 
 def _surface(result: SurfaceResult, numbers: Mapping[str, int]) -> dict[str, Any]:
