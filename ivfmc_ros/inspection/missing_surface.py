@@ -97,12 +97,8 @@ def missing_surface(
         best = int(np.argmax(gains))
         if gains[best] * left.mean() < _LEAST_SHARE:
             break
-        pose = resting[best]
-        found.append(
-            ProposedPose(
-                rests_on=_resting(pose, nominal, regions), down=pose.down, shows=gains[best]
-            )
-        )
+        rests_on = _regions_below(resting[best], nominal, regions)
+        found.append(ProposedPose(rests_on=rests_on, down=resting[best].down, shows=gains[best]))
         left &= ~seen[best]
     return MissingSurface(share=share, poses=tuple(found))
 
