@@ -14,7 +14,6 @@ from collections.abc import Iterator
 import contextlib
 from contextlib import contextmanager
 from functools import partial
-import json
 import math
 import os
 from pathlib import Path
@@ -33,6 +32,7 @@ from support.page_clients import page_clients
 from support.prerendered_camera import PICTURES
 from support.prerendered_camera import PrerenderedCell
 from support.prerendered_camera import write_pictures
+from support.scan_result import await_result
 from support.small_cell import small_cell
 from support.small_cell import small_cell_options
 
@@ -195,14 +195,8 @@ def _scan(client: Any) -> tuple[int, float]:
     success, answer = client.trigger('start_scan')
     assert success, answer
 
-    def ended() -> bool:
-        values = {item.key: item.value for item in client.status[-1].values}
-        return values['scan_id'] == answer['scan_id'] and bool(values['result'])
-
-    client.until(ended, 300.0, 'the scan has not ended')
+    result = await_result(client, answer['scan_id'], 300.0)
     client.node.destroy_subscription(subscription)
-    values = {item.key: item.value for item in client.status[-1].values}
-    result = json.loads(values['result'])
     assert result['code'] == 'OK', result
     lost = len(received) - result['counts']['profiles'] + result['counts']['dropped']
     client.folder = Path(result['folder'])

@@ -5,7 +5,6 @@
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-import json
 import os
 from pathlib import Path
 import subprocess
@@ -17,6 +16,7 @@ from typing import Any
 from support.cell_rig import Cell
 from support.graph_rig import Client
 from support.graph_rig import following_client
+from support.scan_result import await_result
 from support.small_cell import small_cell_options
 
 from bench import at_most
@@ -76,11 +76,4 @@ def _scanned(client: Client, scan: dict[str, Any]) -> dict[str, Any]:
     success, answer = client.trigger('start_scan', SCAN_S)
     assert success, answer
 
-    def ended() -> bool:
-        values = {item.key: item.value for item in client.status[-1].values}
-        return values.get('scan_id') == answer['scan_id'] and bool(values['result'])
-
-    client.until(ended, SCAN_S, 'the scan has not ended')
-    values = {item.key: item.value for item in client.status[-1].values}
-    result: dict[str, Any] = json.loads(values['result'])
-    return result
+    return await_result(client, answer['scan_id'], SCAN_S)

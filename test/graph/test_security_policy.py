@@ -14,6 +14,7 @@ from support.graph_endpoints import SUBSCRIBE
 from support.graph_rig import following_client
 from support.graph_rig import NAMESPACE
 from support.page_clients import page_clients
+from support.scan_result import await_result
 from support.security_policy import allowed
 from support.small_cell import small_cell_options
 
@@ -77,12 +78,7 @@ def test_a_scan_needs_no_more_than_the_policy_allows(policy, tmp_path):
                 success, answer = client.trigger('start_scan')
                 assert success, answer
 
-                def ended():
-                    look(client)
-                    values = {item.key: item.value for item in client.status[-1].values}
-                    return values['scan_id'] == answer['scan_id'] and values['result']
-
-                client.until(ended, 120.0, 'the scan has not ended')
+                await_result(client, answer['scan_id'], 120.0, lambda: look(client))
             assert client.status[-1].message == 'DONE'
         finally:
             cell.kill()
