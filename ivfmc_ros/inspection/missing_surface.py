@@ -3,10 +3,10 @@
 """
 How to lay a part on the platter for a further scan, so that it shows what was not measured.
 
-Of the poses in which the part stands by itself, the one that shows most is taken, then the one
-that shows most of the rest. A point is seen where a laser plane crosses it at a table angle at
-which the camera has a free view of it. Where the lasers stand is not known: their shadows are not
-considered.
+Of the poses in which the part stands by itself on a plane, the one that shows most is taken, then
+the one that shows most of the rest. A point is seen where a laser plane crosses it at a table
+angle at which the camera has a free view of it. Where the lasers stand is not known: their shadows
+are not considered.
 """
 
 from collections.abc import Sequence
@@ -88,7 +88,7 @@ def missing_surface(
     share = float(missing.mean())
     points, normals = points[missing], normals[missing]
     surface = Surface(nominal.vertices_xyz, nominal.faces)
-    resting = resting_poses(nominal) if len(points) else []
+    resting = _usable_poses(nominal, regions) if len(points) else []
     seen = [_is_seen(points, normals, pose, surface, cell) for pose in resting]
     left = np.ones(len(points), dtype=bool)
     found: list[ProposedPose] = []
@@ -101,6 +101,12 @@ def missing_surface(
         found.append(ProposedPose(rests_on=rests_on, down=resting[best].down, shows=gains[best]))
         left &= ~seen[best]
     return MissingSurface(share=share, poses=tuple(found))
+
+
+def _usable_poses(nominal: MeshBody, regions: Sequence[SurfaceRegion]) -> list[RestingPose]:
+    """Return the poses on a plane of the part; where there is none, those on edges and points."""
+    poses = resting_poses(nominal)
+    return [pose for pose in poses if _regions_below(pose, nominal, regions)] or poses
 
 
 def missing_texts(missing: MissingSurface | None) -> list[str]:
