@@ -83,6 +83,10 @@ def _reach(cloud: Any, fields: dict[str, Any]) -> float:
     x, y = fields['x'], fields.get('y')
     if y is None or (x.datatype, y.datatype) != (_FLOAT32, _FLOAT32):
         return 0.0
+    if max(x.offset, y.offset) + 4 > cloud.point_step:
+        raise MessageError(
+            f'profile: fields x and y do not fit into points of {cloud.point_step} bytes'
+        )
     layout = np.dtype(
         {
             'names': ['x', 'y'],

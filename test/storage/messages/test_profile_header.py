@@ -7,6 +7,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from ivfmc_ros.errors import MessageError
 from ivfmc_ros.model import Profile
 from ivfmc_ros.nodes.convert import clouds
 from ivfmc_ros.storage.messages.profile_header import read_profile_header
@@ -41,3 +42,23 @@ def test_profile_without_a_stripe_has_no_reach():
     found = read_profile_header(message(np.zeros((0, 3))))
     assert (found.points, found.reach) == (0, 0.0)
     assert math.isfinite(found.angle)
+
+
+@pytest.mark.parametrize(
+    ('name', 'changes'),
+    [('point_step', {'point_step': 0}), ('point_step', {'point_step': 7}), ('offset', {})],
+)
+def test_damaged_layout_is_refused(name, changes):
+    cloud = message(np.tile([0.03, 0.04, 0.01], (50, 1)))
+    for key, value in changes.items():
+        setattr(cloud, key, value)
+    if name == 'offset':
+        cloud.fields[1].offset = 4_000_000_000
+    with pytest.raises(MessageError, match='do not fit into points of'):
+        read_profile_header(cloud)
+
+
+def test_points_that_are_announced_but_not_there_are_not_read():
+    cloud = message(np.tile([0.03, 0.04, 0.01], (50, 1)))
+    cloud.width = 4_000_000_000
+    assert read_profile_header(cloud).reach == pytest.approx(0.05)
