@@ -5,6 +5,8 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+import sqlite3
+import time
 from typing import Any
 
 import sqlalchemy as sql
@@ -16,6 +18,8 @@ HEAD = '0002'
 _KNOWN = ('0001', HEAD)
 # Version 1 was made without Alembic, and has this number in PRAGMA user_version.
 _FIRST_USER_VERSION = 1
+# Seconds within which other processes that make the catalogue let go of it, and between tries.
+_WAL_PATIENCE_S, _WAL_RETRY_S = 10.0, 0.02
 # Number of the advisory lock of PostgreSQL under which one process migrates: any constant.
 _LOCK = 1_907_202_617
 
@@ -35,18 +39,36 @@ def upgrade_schema(engine: sql.engine.Engine, label: str, *, create: bool) -> No
     if version is None and not create and engine.dialect.name != 'sqlite':
         raise CatalogueError(f'{label}: has no catalogue; no scan was recorded in this database')
     if engine.dialect.name == 'sqlite':
-        # the mode stays in the file; where the file system has no shared memory it stays as it is
-        driver = engine.raw_connection()
-        try:
-            driver.cursor().execute('PRAGMA journal_mode = WAL')
-        finally:
-            driver.close()
+        _use_wal(engine, label)
     with engine.execution_options(ivfmc_write=True).begin() as connection:
         if engine.dialect.name == 'postgresql':
             connection.execute(sql.text(f'SELECT pg_advisory_xact_lock({_LOCK})'))
         # another process may have been faster
         if _version(connection, label) != HEAD:
             _migrate(connection, _version(connection, label))
+
+
+def _use_wal(engine: sql.engine.Engine, label: str) -> None:
+    """
+    Let readers and a writer work at once, by SQLite's write-ahead log.
+
+    The mode stays in the file; where the file system has no shared memory it stays as it is.
+    SQLite does not wait for a lock here, whatever the timeout of the connection is.
+
+    :raises CatalogueError: other processes hold the lock for too long
+    """
+    deadline = time.monotonic() + _WAL_PATIENCE_S
+    while True:
+        driver = engine.raw_connection()
+        try:
+            driver.cursor().execute('PRAGMA journal_mode = WAL')
+            return
+        except sqlite3.OperationalError as error:
+            if time.monotonic() > deadline:
+                raise CatalogueError(f'{label}: is locked by other processes: {error}') from error
+        finally:
+            driver.close()
+        time.sleep(_WAL_RETRY_S)
 
 
 def _version(connection: sql.engine.Connection, label: str) -> str | None:

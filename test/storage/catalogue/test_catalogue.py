@@ -220,6 +220,20 @@ def test_processes_that_create_a_catalogue_at_once_make_one(tmp_path):
     assert [row.scan_id for row in made[3].scans()] == ['s1']
 
 
+def test_catalogue_that_another_process_is_making_is_waited_for(tmp_path):
+    other = sqlite3.connect(tmp_path / 'catalogue.sqlite3', isolation_level=None)
+    other.execute('CREATE TABLE begun (number INTEGER)')
+    # SQLite refuses at once to change the mode while there is a writer
+    other.execute('BEGIN IMMEDIATE')
+    with ThreadPoolExecutor(1) as pool:
+        made = pool.submit(Catalogue, tmp_path, create=True)
+        time.sleep(0.3)
+        assert not made.done()
+        other.execute('COMMIT')
+        made.result(10.0).add_scan('s1', 'part', '', 'DONE', {})
+    other.close()
+
+
 def test_folder_of_the_scans_may_move(catalogue, tmp_path):
     catalogue.add_result('s1', str(catalogue.root / 's1' / 'again'), {})
     catalogue.close()
