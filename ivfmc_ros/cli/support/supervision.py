@@ -95,14 +95,16 @@ class Supervisor:
         for name in [name for name in self._processes.ids if name not in away]:
             reason = self._driver_fault() if name == _DRIVER else self._node_fault(name)
             if reason and name == _DRIVER:
-                self._say('up', f'{reason}; resetting the motion controller')
-                self._end(name, f'{reason}; {self._reset()}')
+                self._end_driver(reason)
             elif reason:
                 self._processes.kill(name)
                 self._end(name, reason)
         pending = self._restarts.pending if self._restarts else set()
         ended = self._processes.ended(pending | self._given_up)
-        if ended is not None:
+        if ended is not None and ended.name == _DRIVER and ended.code < 0:
+            # killed since it was looked at above
+            self._end_driver(str(ended))
+        elif ended is not None:
             self._end(ended.name, str(ended), is_final=ended.code == _NOT_CREATED)
         for name in self._restarts.due() if self._restarts else ():
             self._silent_s.pop(name, None)
@@ -110,6 +112,11 @@ class Supervisor:
                 self._withdraw_status()
             self._processes.restart(name)
             self._say('up', f'{name} is started again')
+
+    def _end_driver(self, reason: str) -> None:
+        """Reset the controller of a driver that is lost; then as ``_end``."""
+        self._say('up', f'{reason}; resetting the motion controller')
+        self._end(_DRIVER, f'{reason}; {self._reset()}')
 
     def _end(self, name: str, reason: str, *, is_final: bool = False) -> None:
         """Let a process that has ended be started again; :raises HelperError: it is not."""

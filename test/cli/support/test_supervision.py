@@ -75,6 +75,23 @@ def cells(tmp_path, monkeypatch):
         yield start
 
 
+def test_controller_is_reset_when_its_driver_dies_while_the_nodes_are_looked_at(
+    cells, monkeypatch
+):
+    cell = cells()
+
+    def node_fault(name):
+        # the driver was looked at before this node
+        os.kill(cell.processes.ids['turntable'], signal.SIGKILL)
+        while cell.processes.code_of('turntable') is None:
+            time.sleep(0.01)
+        monkeypatch.undo()
+        return ''
+
+    monkeypatch.setattr(cell.supervisor, '_node_fault', node_fault)
+    cell.check_until(lambda: 'turntable was killed by signal 9; it had no' in cell.text())
+
+
 @pytest.mark.parametrize(
     ('node', 'number', 'said'),
     [
