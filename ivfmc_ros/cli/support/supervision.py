@@ -29,6 +29,8 @@ from ivfmc_ros.errors import ControllerLostError
 from ivfmc_ros.errors import HelperError
 
 _DRIVER, _ORCHESTRATOR = 'turntable', 'orchestrator'
+# In which what was published during a reset is received, seconds.
+_NEWS_S = 0.2
 _BAUD = 115200
 # Seconds without a heartbeat of the driver after which it hangs.
 _SILENCE_S = 1.5
@@ -143,6 +145,10 @@ class Supervisor:
         """Publish why the cell ends, also as the end of a scan that runs."""
         from ivfmc_ros.nodes.framework.shutdown import flush
 
+        # a scan may have begun while the controller was reset
+        deadline = time.monotonic() + _NEWS_S
+        while (left_s := deadline - time.monotonic()) > 0.0:
+            self._client.spin(left_s)
         self._fail_scan(code, reason)
         self._publish_diagnostics(f'ended: {reason}')
         for publisher in (self._status, self._diagnostics):
