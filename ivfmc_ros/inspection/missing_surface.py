@@ -24,6 +24,8 @@ from ivfmc_ros.inspection.mesh_file import MeshBody
 from ivfmc_ros.inspection.regions import SurfaceRegion
 from ivfmc_ros.inspection.resting_poses import resting_poses
 from ivfmc_ros.inspection.resting_poses import RestingPose
+from ivfmc_ros.meshing.geometry.areas import points_by_area
+from ivfmc_ros.meshing.geometry.normals import face_normals
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.surface import Surface
@@ -39,6 +41,8 @@ _MOST, _LEAST_SHARE = 3, 0.05
 _NOTHING = 0.01
 # Meters above the surface at which a line of sight begins: the queries are in single precision.
 _ABOVE = 2e-5
+# Meters of all vertices of a region from the platter that it lies on.
+_ON_PLANE = 2e-5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -83,30 +87,33 @@ def missing_surface(
     measured_xyz, measured_normals : (n, 3) vertices of the mesh, in the frame of the nominal
     cell : in which the part is scanned
     """
-    points, normals = _points_on(nominal)
+    points, face = points_by_area(nominal.vertices_xyz, nominal.faces, _POINTS)
+    normals = face_normals(nominal.vertices_xyz, nominal.faces[face])
     missing = ~_is_measured(points, normals, measured_xyz, measured_normals)
     share = float(missing.mean())
     points, normals = points[missing], normals[missing]
     surface = Surface(nominal.vertices_xyz, nominal.faces)
-    resting = _usable_poses(nominal, regions) if len(points) else []
-    seen = [_is_seen(points, normals, pose, surface, cell) for pose in resting]
+    poses = _poses_on_planes(nominal, regions) if len(points) else []
+    seen = [_is_seen(points, normals, pose, surface, cell) for pose, _ in poses]
     left = np.ones(len(points), dtype=bool)
     found: list[ProposedPose] = []
-    while resting and len(found) < _MOST and left.any():
+    while poses and len(found) < _MOST and left.any():
         gains = [float(np.mean(own[left])) for own in seen]
         best = int(np.argmax(gains))
         if gains[best] * left.mean() < _LEAST_SHARE:
             break
-        rests_on = _regions_below(resting[best], nominal, regions)
-        found.append(ProposedPose(rests_on=rests_on, down=resting[best].down, shows=gains[best]))
+        pose, rests_on = poses[best]
+        found.append(ProposedPose(rests_on=rests_on, down=pose.down, shows=gains[best]))
         left &= ~seen[best]
     return MissingSurface(share=share, poses=tuple(found))
 
 
-def _usable_poses(nominal: MeshBody, regions: Sequence[SurfaceRegion]) -> list[RestingPose]:
-    """Return the poses on a plane of the part; where there is none, those on edges and points."""
-    poses = resting_poses(nominal)
-    return [pose for pose in poses if _regions_below(pose, nominal, regions)] or poses
+def _poses_on_planes(
+    nominal: MeshBody, regions: Sequence[SurfaceRegion]
+) -> list[tuple[RestingPose, tuple[str, ...]]]:
+    """Return the poses with the planes that they rest on; those on edges where no other is."""
+    poses = [(pose, _regions_below(pose, nominal, regions)) for pose in resting_poses(nominal)]
+    return [(pose, names) for pose, names in poses if names] or poses
 
 
 def missing_texts(missing: MissingSurface | None) -> list[str]:
@@ -122,18 +129,6 @@ def missing_texts(missing: MissingSurface | None) -> list[str]:
         texts.append(f'lay the part on {place}: the camera sees {100.0 * pose.shows:.0f} % {left}')
         left = 'of the rest'
     return texts
-
-
-def _points_on(nominal: MeshBody) -> tuple[Floats, Floats]:
-    """Return points (n, 3) spread over the surface by its area, and the normals of their faces."""
-    corners = nominal.vertices_xyz[nominal.faces]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(cross, axis=1)
-    rng = np.random.default_rng(0)
-    face = rng.choice(len(area), _POINTS, p=area / area.sum())
-    weights = rng.dirichlet(np.ones(3), _POINTS)
-    points = np.einsum('nk,nkc->nc', weights, corners[face])
-    return points, cross[face] / area[face, None]
 
 
 def _is_measured(points: Floats, normals: Floats, vertices: Floats, own: Floats) -> Bools:
@@ -170,6 +165,6 @@ def _regions_below(
     names = []
     for region in regions:
         used = nominal.vertices_xyz[np.unique(nominal.faces[region.faces])]
-        if np.abs(used @ pose.down - pose.height).max() < _ABOVE:
+        if np.abs(used @ pose.down - pose.height).max() < _ON_PLANE:
             names.append(region.name)
     return tuple(names)

@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from ivfmc_ros.errors import GeometryError
 from ivfmc_ros.inspection import features
 from ivfmc_ros.meshing.geometry import normals as triangle_normals
+from ivfmc_ros.meshing.geometry.areas import face_areas
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 
@@ -58,8 +59,7 @@ def segment_surface(vertices_xyz: Floats, faces: Ints) -> list[SurfaceRegion]:
     """
     label = _smooth_components(vertices_xyz, faces)
     corners = vertices_xyz[faces]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = 0.5 * np.linalg.norm(cross, axis=1)
+    area = face_areas(vertices_xyz, faces)
     total = np.bincount(label, area).astype(np.float64)
     found: list[SurfaceRegion] = []
     for component in _largest_first(total)[:_MAX_REGIONS]:

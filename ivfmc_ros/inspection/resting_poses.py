@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.inspection.mesh_file import MeshBody
+from ivfmc_ros.meshing.geometry.areas import face_areas
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 
@@ -52,9 +53,7 @@ def resting_poses(part: MeshBody) -> list[RestingPose]:
     except (QhullError, ValueError):
         return []
     corners = hull.points[hull.simplices]
-    area = 0.5 * np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
+    area = face_areas(hull.points, hull.simplices)
     centroid = volume_centroid(part.vertices_xyz, part.faces)
     found = []
     left = np.ones(len(area), dtype=bool)

@@ -58,14 +58,16 @@ def measure_surface(
     used = deciding if deciding.any() else own
     deviations = comparison.deviations[used]
     u = comparison.uncertainty.combined[used]
+    area_of = comparison.area[used]
+    weights = area_of if area_of.any() else None
     verdict = NOT_MEASURED
     if coverage >= _MIN_COVERAGE:
         strays = int(_STRAY_AREA / max(float(np.median(comparison.area[used])), 1e-12))
         verdict = judge_surface(deviations, u, tolerance, min(strays, len(u) // 20))
     return SurfaceResult(
         name=name,
-        deviation=summarize(deviations, comparison.area[used]),
-        within=float(np.average(np.abs(deviations) <= tolerance, weights=comparison.area[used])),
+        deviation=summarize(deviations, weights),
+        within=float(np.average(np.abs(deviations) <= tolerance, weights=weights)),
         coverage=coverage,
         tolerance=tolerance,
         budget=Budget(components=comparison.uncertainty.medians(used)),

@@ -8,6 +8,7 @@ the triangulator leaves out, and without those that a repeated sweep begins late
 interrupted has several parts; the triangulator leaves out other turns in each.
 """
 
+from collections.abc import Iterator
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import replace
@@ -132,13 +133,8 @@ class Completeness:
     ) -> list[Place]:
         """Return the profiles in the planned range of angles."""
         begin, end = self._range(sweep)
-        numbers, omitted = self._numbers(sweep, laser), self._omitted(headers)
-        own = (header for header in headers.values() if header.view in numbers)
-        places = (
-            (header.angle + omitted[header.view] - numbers[header.view], header.reach)
-            for header in own
-        )
-        return sorted(place for place in places if begin <= place[0] <= end)
+        placed = self._placed(self._numbers(sweep, laser), headers)
+        return sorted((angle, h.reach) for h, angle in placed if begin <= angle <= end)
 
     def remaining(self, sweep: Sweep, headers: Mapping[int, ProfileHeader]) -> list[Sweep]:
         """
@@ -314,13 +310,20 @@ class Completeness:
         self, sweep: Sweep, laser: str, headers: Mapping[int, ProfileHeader]
     ) -> dict[int, list[float]]:
         """Return the angles of the profiles of each view of a planned one."""
-        numbers, omitted = self._numbers(sweep, laser), self._omitted(headers)
+        numbers = self._numbers(sweep, laser)
         found: dict[int, list[float]] = {view: [] for view in numbers}
+        for header, angle in self._placed(numbers, headers):
+            found[header.view].append(angle)
+        return found
+
+    def _placed(
+        self, numbers: Mapping[int, float], headers: Mapping[int, ProfileHeader]
+    ) -> Iterator[tuple[ProfileHeader, float]]:
+        """Yield the profiles of some views with their angles in the frame of the planned one."""
+        omitted = self._omitted(headers)
         for header in headers.values():
             if header.view in numbers:
-                turns = omitted[header.view] - numbers[header.view]
-                found[header.view].append(header.angle + turns)
-        return found
+                yield header, header.angle + omitted[header.view] - numbers[header.view]
 
     def _registered_runs(
         self,

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from support.clock import Clock
 
 from ivfmc_ros.scan.plan import make_plan
 from ivfmc_ros.scan.plan import MotionLimits
@@ -11,13 +12,6 @@ from ivfmc_ros.scan.request import ScanRequest
 from ivfmc_ros.scan.state_machine import Stage
 
 MOTION = MotionLimits()
-
-
-class Clock:
-    now_s = 100.0
-
-    def __call__(self):
-        return self.now_s
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ def vertex_normals(vertices_xyz: Floats, faces: Ints) -> Floats:
     areas = np.empty((len(faces), 3))
 
     def compute(chunk: slice) -> None:
-        areas[chunk] = _area_vectors(vertices_xyz, faces[chunk])
+        areas[chunk] = area_vectors(vertices_xyz, faces[chunk])
 
     run_chunked(compute, len(faces), _CHUNK)
     total = topology.face_to_vertex_sum(faces, len(vertices_xyz)) @ areas
@@ -41,13 +41,13 @@ def face_normals(vertices_xyz: Floats, faces: Ints) -> Floats:
     faces : (m, 3) int64, counter-clockwise seen from outside
     returns : (m, 3) float64, unit; NaN for a triangle without area
     """
-    areas = _area_vectors(vertices_xyz, faces)
+    areas = area_vectors(vertices_xyz, faces)
     with np.errstate(invalid='ignore'):
         return np.asarray(areas / np.linalg.norm(areas, axis=1, keepdims=True))
 
 
-def _area_vectors(vertices_xyz: Floats, faces: Ints) -> Floats:
-    """Return (m, 3) cross products of two edges: the normal times twice the area."""
+def area_vectors(vertices_xyz: Floats, faces: Ints) -> Floats:
+    """Return (m, 3) cross products of two edges of triangles: the normal times twice the area."""
     a, b, c = (vertices_xyz.take(column, axis=0).T for column in faces.T)
     return np.ascontiguousarray(cross(b - a, c - a).T)
 

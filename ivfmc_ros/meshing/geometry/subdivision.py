@@ -24,17 +24,17 @@ def split_long_edges(columns: Floats, faces: Ints, longest: float) -> tuple[Floa
     faces = faces.astype(np.int64, copy=False)  # an edge is numbered by a product
     while True:
         following = np.roll(faces, -1, axis=1)
-        pairs = np.sort(np.stack([faces, following], axis=-1).reshape(-1, 2), axis=1)
-        key, edge = np.unique(pairs[:, 0] * len(columns) + pairs[:, 1], return_inverse=True)
-        ends = np.stack(np.divmod(key, len(columns)), axis=1)
-        span = columns[ends[:, 0], :3] - columns[ends[:, 1], :3]
-        halved = np.linalg.norm(span, axis=1) > longest
+        span = columns[faces, :3] - columns[following, :3]
+        halved = np.linalg.norm(span, axis=2) > longest
         if not halved.any():
             return columns, faces
-        middle = np.full(len(key), -1)
-        middle[halved] = len(columns) + np.arange(np.count_nonzero(halved))
-        columns = np.concatenate([columns, columns[ends[halved]].mean(axis=1)])
-        faces = _with_middles(faces, middle[edge.reshape(-1, 3)])
+        ends = np.sort(np.stack([faces[halved], following[halved]], axis=1), axis=1)
+        key, edge = np.unique(ends[:, 0] * len(columns) + ends[:, 1], return_inverse=True)
+        middle = np.full(faces.shape, -1)
+        middle[halved] = len(columns) + edge.reshape(-1)
+        first, second = np.divmod(key, len(columns))
+        columns = np.concatenate([columns, 0.5 * (columns[first] + columns[second])])
+        faces = _with_middles(faces, middle)
 
 
 def _with_middles(faces: Ints, middle: Ints) -> Ints:

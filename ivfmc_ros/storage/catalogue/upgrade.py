@@ -11,6 +11,7 @@ from typing import Any
 
 import sqlalchemy as sql
 
+from ivfmc_ros.errors import CatalogueBusyError
 from ivfmc_ros.errors import CatalogueError
 
 # Newest version of the tables; a test compares it with the migrations.
@@ -18,8 +19,8 @@ HEAD = '0002'
 _KNOWN = ('0001', HEAD)
 # Version 1 was made without Alembic, and has this number in PRAGMA user_version.
 _FIRST_USER_VERSION = 1
-# Seconds within which other processes that make the catalogue let go of it, and between tries.
-_WAL_PATIENCE_S, _WAL_RETRY_S = 10.0, 0.02
+# Seconds between tries to change the journal mode while another process makes the catalogue.
+_WAL_RETRY_S = 0.02
 # Number of the advisory lock of PostgreSQL under which one process migrates: any constant.
 _LOCK = 1_907_202_617
 
@@ -30,6 +31,7 @@ def upgrade_schema(engine: sql.engine.Engine, label: str, *, create: bool) -> No
 
     label : of the database, for errors
     create : create the tables where there are none
+    :raises CatalogueBusyError: other processes hold the lock of the file for too long
     :raises CatalogueError: the database has none, or those of a later version
     """
     with engine.begin() as connection:
@@ -53,22 +55,33 @@ def _use_wal(engine: sql.engine.Engine, label: str) -> None:
     Let readers and a writer work at once, by SQLite's write-ahead log.
 
     The mode stays in the file; where the file system has no shared memory it stays as it is.
-    SQLite does not wait for a lock here, whatever the timeout of the connection is.
+    SQLite does not wait for a lock here: it is tried again for the busy timeout of the connection.
 
-    :raises CatalogueError: other processes hold the lock for too long
+    :raises CatalogueBusyError: other processes hold the lock for longer
+    :raises CatalogueError: the file cannot be written
     """
-    deadline = time.monotonic() + _WAL_PATIENCE_S
-    while True:
-        driver = engine.raw_connection()
-        try:
-            driver.cursor().execute('PRAGMA journal_mode = WAL')
-            return
-        except sqlite3.OperationalError as error:
-            if time.monotonic() > deadline:
-                raise CatalogueError(f'{label}: is locked by other processes: {error}') from error
-        finally:
-            driver.close()
-        time.sleep(_WAL_RETRY_S)
+    driver = engine.raw_connection()
+    try:
+        cursor = driver.cursor()
+        (patience_ms,) = cursor.execute('PRAGMA busy_timeout').fetchone()
+        deadline = time.monotonic() + 1e-3 * patience_ms
+        while not _has_set_wal(cursor, label, is_last=time.monotonic() > deadline):
+            time.sleep(_WAL_RETRY_S)
+    finally:
+        driver.close()
+
+
+def _has_set_wal(cursor: Any, label: str, *, is_last: bool) -> bool:
+    """Return whether the mode was set; :raises CatalogueError: it cannot be, or not in time."""
+    try:
+        cursor.execute('PRAGMA journal_mode = WAL')
+    except sqlite3.OperationalError as error:
+        if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY:
+            raise CatalogueError(f'{label}: {error}') from error
+        if is_last:
+            raise CatalogueBusyError(f'{label}: {error}') from error
+        return False
+    return True
 
 
 def _version(connection: sql.engine.Connection, label: str) -> str | None:

@@ -15,7 +15,9 @@ from bench.metal import pictures
 from bench.metal.pictures import Half
 from bench.metal.pictures import Shot
 from ivfmc_ros.cell.volume import Volume
+from ivfmc_ros.meshing.geometry.areas import points_by_area
 from ivfmc_ros.meshing.geometry.areas import vertex_areas
+from ivfmc_ros.meshing.geometry.normals import face_normals
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Frame
@@ -97,14 +99,8 @@ def turned(shots: list[Shot]) -> Turn:
 
 def covered(solid: Solid, mesh: Surface) -> float:
     """Return the share of the area of a part, but for its underside, that a mesh covers."""
-    corners = solid.vertices_xyz[solid.faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(across, axis=1)
-    area[across[:, 2] < -_UNDERSIDE * area] = 0.0
-    rng = np.random.default_rng(1)
-    chosen = rng.choice(len(area), _POINTS, p=area / area.sum())
-    weight = rng.dirichlet(np.ones(3), _POINTS)
-    points = np.einsum('nk,nkc->nc', weight, corners[chosen])
+    upward = face_normals(solid.vertices_xyz, solid.faces)[:, 2]
+    points, _ = points_by_area(solid.vertices_xyz, solid.faces[upward > -_UNDERSIDE], _POINTS)
     return float(np.mean(mesh.nearest(points).distance < COVERED))
 
 

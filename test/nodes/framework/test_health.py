@@ -2,18 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 import pytest
+from support.clock import Clock
 
 from ivfmc_ros.nodes.framework.health import Health
 from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.nodes.framework.health import SETTLE_S
 from ivfmc_ros.nodes.framework.health import WAITING
-
-
-class Clock:
-    now_s = 0.0
-
-    def __call__(self):
-        return self.now_s
 
 
 @pytest.fixture

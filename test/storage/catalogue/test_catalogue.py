@@ -9,6 +9,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 import pytest
 
+from ivfmc_ros.errors import CatalogueBusyError
 from ivfmc_ros.errors import CatalogueError
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.catalogue.catalogue import FILE_NAME
@@ -231,6 +232,17 @@ def test_catalogue_that_another_process_is_making_is_waited_for(tmp_path):
         assert not made.done()
         other.execute('COMMIT')
         made.result(10.0).add_scan('s1', 'part', '', 'DONE', {})
+    other.close()
+
+
+def test_catalogue_that_stays_locked_is_busy_and_not_broken(tmp_path):
+    other = sqlite3.connect(tmp_path / 'catalogue.sqlite3', isolation_level=None)
+    other.execute('CREATE TABLE begun (number INTEGER)')
+    other.execute('BEGIN IMMEDIATE')
+    start = time.monotonic()
+    with pytest.raises(CatalogueBusyError, match='database is locked'):
+        Catalogue(tmp_path, create=True, timeout_s=0.3)
+    assert 0.2 < time.monotonic() - start < 5.0
     other.close()
 
 
