@@ -109,6 +109,14 @@ class Sections:
         views = np.array([item.view for item in self.items])[self.own]
         return int(np.bincount(views).max()) if len(views) else 0
 
+    def placed(self, poses: Poses) -> 'Sections':
+        """Return the sections with each view at its pose."""
+        T = poses.turntable_from_view
+        items = [
+            replace(item, surfels=item.surfels.transformed(T[item.view])) for item in self.items
+        ]
+        return replace(self, items=items)
+
     def others(self, index: int) -> Bools:
         """Return (sections,) which ones are compared with this one."""
         here = self.items[index]
@@ -148,16 +156,16 @@ def profile_step(view: View) -> float:
     return max(mean, float(np.quantile(np.diff(np.sort(view.angles)), 0.75)))
 
 
-def split_sections(views: Sequence[View], poses: Poses) -> Sections | None:
-    """Return the sections of all views at the given poses; None if no view has a surface."""
+def split_sections(views: Sequence[View]) -> Sections | None:
+    """Return the sections of all views where the table had them; None if no view has a surface."""
     spacing = common_voxel_size(list(views), _MAX_SAMPLES)
     if not np.isfinite(spacing):
         return None
     items = [
         section
-        for index, (view, T) in enumerate(zip(views, poses.turntable_from_view, strict=True))
+        for index, view in enumerate(views)
         if len(view.angles) > 1
-        for section in _split(index, view, T, spacing)
+        for section in _split(index, view, spacing)
     ]
     items.sort(key=lambda item: item.seq)
     return Sections(
@@ -169,7 +177,7 @@ def split_sections(views: Sequence[View], poses: Poses) -> Sections | None:
     )
 
 
-def _split(index: int, view: View, T: Floats, spacing: float) -> list[Section]:
+def _split(index: int, view: View, spacing: float) -> list[Section]:
     first, last = float(view.angles[0]), float(view.angles[-1])
     # whole turns end at the edge of a section
     edges = np.append(np.arange(first, last - 0.2 * _WIDTH, _WIDTH), last + 1e-9)
@@ -177,7 +185,7 @@ def _split(index: int, view: View, T: Floats, spacing: float) -> list[Section]:
     for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         core = (view.angles >= low) & (view.angles < high)
         if core.any():
-            surfels = _surfels(view, core, low, high, spacing).transformed(T)
+            surfels = _surfels(view, core, low, high, spacing)
             seq = float(np.mean(view.seqs[core]))
             found.append(
                 Section(view=index, angle_from=low, angle_to=high, seq=seq, surfels=surfels)

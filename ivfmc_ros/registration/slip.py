@@ -96,7 +96,8 @@ def check_registration(
 
     cell : views may disagree by what its calibration states; None for an exact one
     """
-    found = _with_drift(check_table(views, poses, cell), views, cell)
+    unmoved = split_sections(views)
+    found = _with_drift(_checked(unmoved, views, poses, cell), unmoved, views, cell)
     failed = [verdict for verdict in verdicts if verdict.failed]
     if found.code in ('SLIPPED', 'NOT_CONVERGED') or not failed:
         return found
@@ -109,12 +110,14 @@ def check_registration(
     )
 
 
-def _with_drift(found: TableCheck, views: Sequence[View], cell: Cell | None) -> TableCheck:
+def _with_drift(
+    found: TableCheck, unmoved: Sections | None, views: Sequence[View], cell: Cell | None
+) -> TableCheck:
     """Return the check with the light sheets that moved, seen at the table's own poses."""
-    if cell is None or any(profile_step(view) > _MAX_STEP for view in views):
+    too_coarse = any(profile_step(view) > _MAX_STEP for view in views)
+    if cell is None or unmoved is None or too_coarse:
         return found
-    sections = split_sections(views, Poses.identity(len(views)))
-    return found if sections is None else with_drifts(found, find_drifts(sections, cell), cell)
+    return with_drifts(found, find_drifts(unmoved, cell), cell)
 
 
 def check_table(views: Sequence[View], poses: Poses, cell: Cell | None = None) -> TableCheck:
@@ -124,9 +127,15 @@ def check_table(views: Sequence[View], poses: Poses, cell: Cell | None = None) -
     poses : corrections that the registration applied
     cell : as for ``check_registration``
     """
+    return _checked(split_sections(views), views, poses, cell)
+
+
+def _checked(
+    unmoved: Sections | None, views: Sequence[View], poses: Poses, cell: Cell | None
+) -> TableCheck:
+    """Return ``check_table`` of the sections of the views at the poses of the table."""
     rms = stated_rms(cell)
-    registered = split_sections(views, poses)
-    if registered is None or len(registered.items) < 2:
+    if unmoved is None or len(unmoved.items) < 2:
         return TableCheck(code='UNCHECKED', detail='no view has a surface')
     if any(profile_step(view) > _MAX_STEP for view in views):
         detail = (
@@ -134,12 +143,11 @@ def check_table(views: Sequence[View], poses: Poses, cell: Cell | None = None) -
             f'{math.degrees(_MAX_STEP):.1f} degrees apart; take more profiles'
         )
         return TableCheck(code='UNCHECKED', detail=detail)
-    found = _Check(registered, rms).run()
+    found = _Check(unmoved.placed(poses), rms).run()
     if (found.code == 'SLIPPED' and not math.isfinite(found.size)) or _is_identity(poses):
         return found
     # the registration shares a slip between the views: measured again at the table's poses
-    unmoved = split_sections(views, Poses.identity(len(views)))
-    again = _Check(unmoved, rms).run() if unmoved is not None else found
+    again = _Check(unmoved, rms).run()
     # it corrects one between two views, but not one within a view
     is_uncorrected = found.code == 'SLIPPED' or again.within_view
     return again if again.code == 'SLIPPED' and is_uncorrected else found

@@ -36,7 +36,7 @@ def views(apart=0.0, sense=1.0):
 
 
 def disagreement(views, rms=0.0):
-    return find_disagreement(split_sections(views, Poses.identity(len(views))), rms)
+    return find_disagreement(split_sections(views), rms)
 
 
 def stating(residual_rms):

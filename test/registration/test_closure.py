@@ -10,7 +10,6 @@ from support.synthetic import Sphere
 from support.synthetic import sphere_profiles
 
 from ivfmc_ros.cell import transforms
-from ivfmc_ros.model import Poses
 from ivfmc_ros.registration.closure import find_closures
 from ivfmc_ros.registration.sections import split_sections
 from ivfmc_ros.registration.views.assemble import assemble
@@ -40,7 +39,7 @@ def longer(slip=0.0, after=30, center=SPHERE.center):
 
 
 def closures(*views):
-    return find_closures(split_sections(views, Poses.identity(len(views))))
+    return find_closures(split_sections(views))
 
 
 @pytest.mark.parametrize('degrees', [0.0, 0.2, -1.0, 2.5])

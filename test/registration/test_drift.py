@@ -40,7 +40,7 @@ def turn(name, steps=110):
 
 
 def drifts(*views):
-    return find_drifts(split_sections(views, Poses.identity(len(views))), CELL)
+    return find_drifts(split_sections(views), CELL)
 
 
 @pytest.mark.parametrize('name', PARTS)

@@ -130,7 +130,7 @@ def test_good_scan_of_one_laser_with_closure_is_ok(closure, name):
 @pytest.mark.parametrize(('step', 'is_slip'), [(1.8, True), (4.4, False)])
 def test_closure_of_profiles_far_apart_shows_no_small_slip(step, is_slip):
     views = taken('box', lasers=(0,), closure=8).views()
-    before, *_, after = split_sections(views, Poses.identity(len(views))).items
+    before, *_, after = split_sections(views).items
     closure = Closure(
         before=before,
         after=after,

@@ -14,6 +14,8 @@ from ivfmc_ros.model import Ints
 
 _CELL_GROWTH = 1.25  # factor on the cell size while there are too many triangles
 _CELLS_PER_EXTENT = 0.8  # first number of cells along the part, times the root of the triangles
+# One number for the place of a cell: the part has less than 2^20 of them along each axis.
+_KEY = np.array([1, 1 << 20, 1 << 40])
 _CELLS_SHRINK = 0.75  # factor on that number while there are too many triangles
 
 
@@ -31,8 +33,8 @@ def cluster_vertices(vertices_xyz: Floats, faces: Ints, max_faces: int) -> tuple
     # on a surface the number of occupied cells is inverse to the square of their size
     size = _mean_edge(vertices_xyz, faces) * np.sqrt(len(faces) / max(max_faces, 1))
     while True:
-        cells = np.floor((vertices_xyz - low) / size).astype(np.int64)
-        _, cluster, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+        cells = np.floor((vertices_xyz - low) / size).astype(np.int64) @ _KEY
+        _, cluster, count = np.unique(cells, return_inverse=True, return_counts=True)
         cluster = cluster.ravel()
         coarse = _without_collapsed(cluster[faces])
         if len(coarse) <= max_faces:
@@ -57,7 +59,7 @@ def cluster_vertices_with_values(
     cells = np.sqrt(max_faces) * _CELLS_PER_EXTENT
     while len(faces) > max_faces:
         key = np.round((vertices_xyz - vertices_xyz.min(axis=0)) / max(size, 1e-12) * cells)
-        key = key.astype(np.int64) @ np.array([1, 1 << 20, 1 << 40])
+        key = key.astype(np.int64) @ _KEY
         _, cluster, count = np.unique(key, return_inverse=True, return_counts=True)
         total = np.stack([np.bincount(cluster, vertices_xyz[:, k]) for k in range(3)], axis=1)
         finite = np.isfinite(values)

@@ -44,7 +44,8 @@ def write_sidecar(path: Path, mesh: Mesh, scale: float) -> None:
     unknown = np.full(len(mesh.vertices_xyz), np.nan)
     kind = np.full(len(mesh.faces), MEASURED, dtype=np.uint8) if mesh.kind is None else mesh.kind
     with files.atomic_file(sidecar_of(path)) as temporary, temporary.open('wb') as stream:
-        np.savez_compressed(
+        # not compressed: that takes longer than all other files of a scan
+        np.savez(
             stream,
             sha256=np.array(_checksum(path)),
             faces=mesh.faces.astype('<i4'),

@@ -8,6 +8,7 @@ has no neighbors in other columns. Where orphan points lie in the plane of sampl
 and the normals of these samples agree with the plane, the points belong to the same face.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from ivfmc_ros.meshing.samples.planes import Neighborhood
 from ivfmc_ros.meshing.samples.surface_samples import merge_samples
 from ivfmc_ros.meshing.samples.surface_samples import SurfaceSamples
 from ivfmc_ros.model import Floats
+from ivfmc_ros.model import Ints
 
 _MAX_NEIGHBORS = 60
 _DISTANCE_SIGMA = 2.0  # voxels, 1 sigma of the weight of a neighbor by its distance
@@ -58,8 +60,11 @@ def attach_orphan_points(
         distance_sigma=_DISTANCE_SIGMA * voxel,
     )
     tolerance = _INLIER_SIGMAS * sigma
-    planes = fit_planes(queries, neighborhood, tolerance, voxel, through_query=True)
-    _, nearest = cKDTree(samples.points_xyz, balanced_tree=False).query(queries, workers=-1)
+    with ThreadPoolExecutor(1) as thread:
+        # the search tree of all samples takes as long as the planes
+        found = thread.submit(_nearest, samples.points_xyz, queries)
+        planes = fit_planes(queries, neighborhood, tolerance, voxel, through_query=True)
+    nearest = found.result()
     facing = (planes.normals * samples.to_camera[nearest]).sum(axis=1)
     good = (
         (planes.inlier_ratio > _MIN_INLIER_RATIO)
@@ -82,3 +87,7 @@ def attach_orphan_points(
         orphans_xyz=queries[is_orphan & ~good],
     )
     return merge_samples([replace(samples, orphans_xyz=np.empty((0, 3))), attached])
+
+
+def _nearest(points_xyz: Floats, queries: Floats) -> Ints:
+    return np.asarray(cKDTree(points_xyz, balanced_tree=False).query(queries)[1])

@@ -4,6 +4,7 @@
 
 from collections.abc import Iterator
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -42,7 +43,9 @@ def sample_views(
         for turn in split_turns(view)
     ]
     grids, dropped = project_uncertain_points(classified, sigma, voxel)
-    samples = merge_samples(sample_grid(grid, max_edge, voxel) for grid in grids)
+    with ThreadPoolExecutor() as threads:
+        parts = threads.map(lambda grid: sample_grid(grid, max_edge, voxel), grids)
+        samples = merge_samples(parts)
     radius = max_edge or _ORPHAN_SEARCH_RADIUS * voxel
     return attach_orphan_points(samples, dropped, sigma, voxel, radius)
 

@@ -8,6 +8,7 @@ jobs keep a large result in the process for the next one.
 """
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -306,13 +307,17 @@ def build(
             raise FileError(f'{path}: exists already and is not overwritten')
     watch = Stopwatch()
     mesh, used, seconds = _prepared(key, cell, views, poses, settings)
-    with watch.stage('files'):
+    with watch.stage('files'), ThreadPoolExecutor() as threads:
         if folder:
             make_folder(Path(folder))
-        for path in paths.values():
-            export.write_mesh(path, mesh, settings.export_unit)
-    with watch.stage('display'):
+        written = [
+            threads.submit(export.write_mesh, path, mesh, settings.export_unit)
+            for path in paths.values()
+        ]
         vertices, faces = cluster_vertices(mesh.vertices_xyz, mesh.faces, output.triangles)
+        surface = _surface_figures(mesh, output.volume)
+        for file in written:
+            file.result()
     return BuiltMesh(
         vertices_xyz=vertices,
         faces=faces,
@@ -323,7 +328,7 @@ def build(
             'faces': len(mesh.faces),
             'shown_faces': len(faces),
         },
-        surface=_surface_figures(mesh, output.volume),
+        surface=surface,
         paths={suffix: str(path) for suffix, path in paths.items()},
         seconds={'meshing': seconds, **watch.seconds},
     )

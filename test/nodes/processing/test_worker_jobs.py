@@ -49,7 +49,7 @@ def test_prepared_mesh_is_written_and_not_made_again(made, tmp_path):
     answer = build(tmp_path, (1, SETTINGS))
     assert made == [SETTINGS]
     assert answer.counts['faces'] == 4
-    assert set(answer.seconds) == {'meshing', 'files', 'display'}
+    assert set(answer.seconds) == {'meshing', 'files'}
     assert (tmp_path / 'mesh.stl').is_file()
     # it is kept for one build
     build(tmp_path / 'again', (1, SETTINGS))
