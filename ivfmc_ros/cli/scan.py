@@ -29,6 +29,7 @@ from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.errors import StateError
 from ivfmc_ros.meshing.io.export import FORMATS
+from ivfmc_ros.scan.request import MAX_WARM_UP_S
 from ivfmc_ros.scan.request import MOTIONS
 from ivfmc_ros.scan.view_coverage import MIN_SPACING
 
@@ -72,6 +73,11 @@ _SILENCE_S = 5.0
     type=duration(1e-6, 1.0),
     multiple=True,
     help='Exposure time, such as 2ms; repeated, ascending: each sweep is taken with each of them.',
+)
+@click.option(
+    '--warm-up',
+    type=duration(0.0, MAX_WARM_UP_S),
+    help='Longest time, such as 120s, for which a laser waits until its stripe no longer moves.',
 )
 @click.option(
     '--laser', 'lasers', multiple=True, help='Laser to use; may be repeated (default: all).'

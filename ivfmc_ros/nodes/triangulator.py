@@ -37,6 +37,7 @@ from ivfmc_ros.nodes.processing.image_input import ImageInput
 from ivfmc_ros.nodes.processing.laser_check import LaserCheck
 from ivfmc_ros.nodes.processing.stamp_conditions import StampConditions
 from ivfmc_ros.nodes.processing.stripe_image import StripeImagePublisher
+from ivfmc_ros.nodes.processing.stripe_rest import StripeRest
 from ivfmc_ros.nodes.processing.triangulator_parameters import declare
 from ivfmc_ros.nodes.processing.triangulator_parameters import match_settings
 from ivfmc_ros.nodes.processing.volume_check import VolumeCheck
@@ -94,6 +95,7 @@ class Triangulator(CellNode):
         self._stamps = StampConditions(self)
         self._volume = VolumeCheck(self)
         self._laser_check = LaserCheck(self, self._laser_names)
+        self._rest_check = StripeRest(self)
         # what messages without our joint or lasers have instead, by topic
         self._others: dict[str, str] = {}
         self.changed(self._change)
@@ -137,6 +139,7 @@ class Triangulator(CellNode):
             self._seq = self.get('first_profile')
             self._matcher.reset()
             self._laser_check.restart()
+            self._rest_check.restart()
             self._source.reload()
             self._counts.clear()
             self._loss = ImageLoss()
@@ -212,12 +215,8 @@ class Triangulator(CellNode):
             self._camera.resume()
 
     def _rest(self) -> None:
-        """
-        Receive no images while the lasers are off for long: they would wake this node.
-
-        Only beside an orchestrator, which sets a parameter before it takes profiles: what else
-        publishes images, such as a replay, waits for their subscription.
-        """
+        """Receive no images while the lasers are off for long: they would wake this node."""
+        # an orchestrator sets a parameter before it takes profiles; a replay of images does not
         if not self.count_publishers('orchestrator/heartbeat'):
             return
         is_dark = self.get('laser_source') == 'topic' and self._matcher.lasers_known
@@ -323,6 +322,7 @@ class Triangulator(CellNode):
         if match.reason:
             self._counts[match.reason] += 1
             self._laser_check.add_unused(match, self._image)
+            self._rest_check.add_unused(match, self._image)
             return
         try:
             image = self._image(match.payload)
@@ -362,6 +362,7 @@ class Triangulator(CellNode):
         # last, so that an error in a debug image costs no profile
         for frame, profile in measured:
             self._laser_check.add_lit(frame, profile)
+            self._rest_check.add_measured(frame)
             self._stripe_image.publish(frame, profile)
 
     def before_diagnosis(self) -> None:
@@ -380,9 +381,8 @@ class Triangulator(CellNode):
             images_not_received=self._loss.not_received,
             images_not_taken=self._loss.not_taken,
             part_cut=self._volume.advice,
-            laser_stuck=self._laser_check.stuck,
-            dark_images_checked=self._laser_check.checked,
-            dark_since_stamp=self._laser_check.dark_ns,
+            **self._laser_check.figures,
+            **self._rest_check.figures,
             table_fault=self._stamps.table_fault,
             tf=self._frames.state,
             # matched ones: what is published before is lost to a subscription that joins

@@ -48,6 +48,9 @@ class Tools(Protocol):
     def lasers_off(self) -> None:
         """Command all lasers off; does not wait."""
 
+    async def warm_up(self, sweep: Sweep) -> None:
+        """Return when the stripes of the lasers rest, or after the longest time for it."""
+
     async def take_dark_frame(self) -> None:
         """Return when an image was exposed with all lasers off at the present position."""
 
@@ -254,6 +257,7 @@ async def _sweep(sweep: Sweep, machine: StateMachine, motion: MotionLimits, tool
     # a laser left on would add profiles of the previous position to the new views
     tools.lasers_off()
     await tools.expose(sweep.exposure)
+    await tools.warm_up(sweep)
     if sweep.velocity > 0.0:
         await _continuous_sweep(sweep, motion, tools)
     else:

@@ -17,10 +17,11 @@ from ivfmc_ros.validation import require_one_of
 
 MOTIONS = ('continuous', 'step')
 
-# Upper limits of a request: one sweep per 10 degrees; 0.02 degrees between profiles.
+# Upper limits of a request: one sweep per 10 degrees; 0.02 degrees between profiles; seconds.
 MAX_VIEWS = 36
 MAX_PROFILES = 20_000
 MAX_EXPOSURES = 5
+MAX_WARM_UP_S = 1800.0
 _EXPOSURE_RANGE = (1e-6, 1.0)  # seconds, that of the node camera
 
 # Part of a folder's name: no path separators, no shell metacharacters, no leading '.' or '-'.
@@ -44,6 +45,8 @@ class ScanRequest:
     dark_frames : in step motion, take an image with all lasers off at every stop, to be subtracted
     exposures : exposure times in seconds, ascending: every sweep is taken with each of them, as a
         view of its own; empty for the camera's own
+    warm_up : longest time for which a laser waits, before each sweep, until its stripe rests,
+        seconds; 0: it does not wait
     formats : formats of the mesh files
     export_unit : length unit of the mesh files: m, mm or inch
     """
@@ -58,6 +61,7 @@ class ScanRequest:
     lasers: tuple[str, ...] = ()
     dark_frames: bool = False
     exposures: tuple[float, ...] = ()
+    warm_up: float = 0.0
     formats: tuple[str, ...] = ('stl', 'ply')
     export_unit: str = 'mm'
 
@@ -72,6 +76,7 @@ class ScanRequest:
         require_one_of('motion', self.motion, MOTIONS)
         require_one_of('export_unit', self.export_unit, UNITS)
         self._require_exposures()
+        require_in_range('warm_up', self.warm_up, 0.0, MAX_WARM_UP_S, 's')
         require_formats(self.formats)
         if not self.formats:
             raise ParameterError(f'formats: is empty; known are {", ".join(FORMATS)}')

@@ -28,6 +28,7 @@ class FakeTools:
         self.missing = []
         self.inspects = False
         self.verdicts = []
+        self.warmed = []
         self._at = at or {}
         self.position = 0.0
         self.left = {}
@@ -55,6 +56,11 @@ class FakeTools:
 
     def lasers_off(self):
         self.lit = None
+
+    async def warm_up(self, sweep):
+        assert self.lit is None
+        self.warmed.append(sweep.lasers)
+        self.lit = sweep.lasers[-1]
 
     async def take_dark_frame(self):
         assert self.lit is None
@@ -184,6 +190,13 @@ def test_dark_frame_comes_first_at_every_stop():
     tools, _, _ = run(motion='step', profiles=3, dark_frames=True)
     steps = [name for name in tools.names() if name in ('move', 'dark_frame', 'light')]
     assert steps == ['move', 'dark_frame', 'light', 'light'] * 3
+
+
+def test_lasers_warm_up_before_each_sweep():
+    tools, _, _ = run(profiles=200)
+    assert tools.warmed == [('left',), ('right',)]
+    tools, _, _ = run(motion='step', profiles=3)
+    assert tools.warmed == [('left', 'right')]
 
 
 def test_continuous_scan_has_no_dark_frames():

@@ -20,20 +20,17 @@ import time
 import numpy as np
 
 from ivfmc_ros.cell import cell as cell_model
-from ivfmc_ros.cli import main as cli
-from ivfmc_ros.cli.support import cell_run
 from ivfmc_ros.devices.cameras.device import Exposure
-from ivfmc_ros.nodes import camera as camera_node
 from ivfmc_ros.simulation.live import camera as live_camera
 from ivfmc_ros.simulation.live.truth import TruthReader
 from ivfmc_ros.simulation.parts.solids import demo_part
 from ivfmc_ros.simulation.render.optics import Optics
 from ivfmc_ros.simulation.render.optics import with_sheet_thickness
 from ivfmc_ros.simulation.render.renderer import simulate_scan
+from support.camera_of_cell import run_with_camera
 from support.cell_rig import Cell
 
 PICTURES = 'IVFMC_PICTURES'
-NODE = 'ivfmc_ros.nodes.camera'
 
 _POLL_S = 0.002
 # Of an angle at which a picture was taken, in steps of the table.
@@ -123,24 +120,5 @@ def _time_of(truth: TruthReader, angle: float, time_s: float) -> float:
     return time_s
 
 
-def main() -> int:
-    """Run the command ``ivfmc`` or, named as the first argument, its camera node."""
-    if sys.argv[1] == NODE:
-        live_camera.SimulatedCamera = PrerenderedCamera
-        del sys.argv[1]
-        return camera_node.main()
-    plain = cell_run.command
-
-    def command(run: cell_run.CellRun, node: str) -> list[str]:
-        words = plain(run, node)
-        if node == 'camera':
-            words.insert(words.index(NODE), 'support.prerendered_camera')
-        return words
-
-    cell_run.command = command
-    cli.main()
-    return 0
-
-
 if __name__ == '__main__':
-    raise SystemExit(main())
+    sys.exit(run_with_camera(PrerenderedCamera, PrerenderedCell.MODULE))

@@ -38,14 +38,18 @@ class LaserCheck:
         self._update()
 
     @property
-    def checked(self) -> int:
-        """Images of the scan with all lasers off that could be judged."""
-        return self._check.checked
+    def figures(self) -> dict[str, object]:
+        """
+        Key-value pairs for the diagnostics.
 
-    @property
-    def dark_ns(self) -> int:
-        """Stamp of the last image of the scan with all lasers off that shows none of them."""
-        return self._check.dark_ns
+        dark_images_checked : images of the scan with all lasers off that could be judged
+        dark_since_stamp : of the last such image that shows no laser
+        """
+        return {
+            'laser_stuck': self.stuck,
+            'dark_images_checked': self._check.checked,
+            'dark_since_stamp': self._check.dark_ns,
+        }
 
     def add_lit(self, frame: Frame, profile: Profile) -> None:
         """Keep the last image of a laser that is on."""

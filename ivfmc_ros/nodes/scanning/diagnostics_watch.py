@@ -3,6 +3,7 @@
 """What the diagnostics say: faults of controller, camera, lasers, a part that is cut, an end."""
 
 from collections.abc import Callable
+from collections.abc import Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -10,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.nodes.framework import qos
 from ivfmc_ros.nodes.framework.base import CellNode
+from ivfmc_ros.stripe.stripe_motion import StripeRate
 
 
 class DiagnosticsWatch:
@@ -35,6 +37,8 @@ class DiagnosticsWatch:
         # the laser that shines although it is off, by the id of the scan
         self._stuck: dict[str, str] = {}
         self._dark_ns: dict[str, int] = {}
+        self._unsettled: dict[str, str] = {}
+        self._rates: dict[str, StripeRate | None] = {}
         self._table_fault = self._camera_fault = ''
         self._camera = f'{node.get_namespace()}/camera'.lstrip('/')
         self._turntable = f'{node.get_namespace()}/turntable'.lstrip('/')
@@ -71,6 +75,14 @@ class DiagnosticsWatch:
         """Return the stamp of the last image of a scan in which no laser shines; 0: none yet."""
         return self._dark_ns.get(scan_id, 0)
 
+    def unsettled(self, scan_id: str) -> str:
+        """Return how the stripe of a scan moved after stops of the table; '' if it did not."""
+        return self._unsettled.get(scan_id, '')
+
+    def stripe_rate(self, scan_id: str) -> StripeRate | None:
+        """Return how fast the stripe of a laser that is not measured moves; None: unknown."""
+        return self._rates.get(scan_id)
+
     def _receive(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == self._turntable:
@@ -96,3 +108,18 @@ class DiagnosticsWatch:
                 self._stuck = {scan_id: values.get('laser_stuck', '')}
                 dark_ns = values.get('dark_since_stamp', '')
                 self._dark_ns = {scan_id: int(dark_ns) if dark_ns.isdigit() else 0}
+                self._unsettled = {scan_id: values.get('unsettled', '')}
+                self._rates = {scan_id: _rate(values)}
+
+
+def _rate(values: Mapping[str, str]) -> StripeRate | None:
+    """Return the rate of the stripe in the diagnostics of a triangulator; None without one."""
+    try:
+        return StripeRate(
+            laser=int(values['stripe_laser']),
+            seconds=float(values['stripe_seconds']),
+            rate=float(values['stripe_rate']),
+            u=float(values['stripe_rate_u']),
+        )
+    except (KeyError, ValueError):
+        return None

@@ -27,6 +27,7 @@ from ivfmc_ros.nodes.scanning.scan_context import ScanContext
 from ivfmc_ros.nodes.scanning.scan_guard import NOT_RECORDED
 from ivfmc_ros.nodes.scanning.scan_guard import ScanGuard
 from ivfmc_ros.nodes.scanning.table_motion import TableMotion
+from ivfmc_ros.nodes.scanning.warm_up import WarmUp
 from ivfmc_ros.scan.disk_space import DiskWatch
 from ivfmc_ros.scan.job import Outcome
 from ivfmc_ros.scan.plan import LOW_RATE
@@ -110,6 +111,7 @@ class GraphTools:
         self._exposure = ExposureControl(
             node, services, self._until, self._guard, exposures, context.folder.parent
         )
+        self._warm_up = WarmUp(link, self._until, context.scan_id, context.request.warm_up)
         self._standstill = Standstill()
         self.bag: Mapping[str, Any] = {}
         self.has_figures = False
@@ -217,6 +219,21 @@ class GraphTools:
     def lasers_off(self) -> None:
         """Command all lasers off; does not wait."""
         self._link.hold(None)
+
+    async def warm_up(self, sweep: Sweep) -> None:
+        """Return when the stripes of the lasers rest, or after the longest time for it."""
+        if not self.context.request.warm_up or sweep.retake_of is not None:
+            return
+        # no profiles and no recorded images of it
+        await self._set('triangulator', self._no_views())
+        await self._set('recorder', {'pictures': False})
+        used = [index for index, view in enumerate(sweep.views) if view != NOT_MEASURED]
+        for laser, index in zip(sweep.lasers, used, strict=True):
+            await self.laser_on(laser)
+            if moving := await self._warm_up.wait(laser, index, sweep):
+                self._node.get_logger().warning(moving)
+                self._checks.notes.append(moving)
+        await self._set('recorder', {'pictures': True})
 
     async def take_dark_frame(self) -> None:
         """Return when an image was exposed with all lasers off at the present position."""

@@ -17,7 +17,11 @@ _INCOMPLETE = 'INCOMPLETE'
 
 
 class ScanChecks:
-    """Completeness of one scan, by the headers of its profiles."""
+    """
+    Completeness of one scan, by the headers of its profiles.
+
+    notes : doubts about the scan that are said in its answer
+    """
 
     def __init__(
         self,
@@ -27,6 +31,7 @@ class ScanChecks:
         limits: CompletenessLimits,
         scan_id: str,
     ) -> None:
+        self.notes: list[str] = []
         self._link = link
         self._scan_id = scan_id
         self._completeness = Completeness(plan, motion, limits)
@@ -63,8 +68,10 @@ class ScanChecks:
             'views': [view.as_dict() for view in views],
             'images': self._completeness.lost_images(headers, self._link.info_stamps_ns),
         }
-        if cut:
-            outcome.mark('OK', cut)
+        unsettled = self._link.diagnostics.unsettled(self._scan_id)
+        for note in (cut, unsettled, *self.notes):
+            if note:
+                outcome.mark('OK', note)
         incomplete = [view.why for view in views if view.why]
         if incomplete:
             outcome.mark(_INCOMPLETE, '; '.join(incomplete))

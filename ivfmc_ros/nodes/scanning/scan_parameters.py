@@ -159,6 +159,14 @@ def _declare_light(node: CellNode) -> None:
         'them; empty or 0: that of the camera as it is set.',
         kind=float,
     )
+    node.parameter(
+        'warm_up',
+        default.warm_up,
+        'Longest time in seconds for which a laser is on before each sweep until its stripe moves '
+        'by less than 0.1 pixels in the sweep; 0: it does not wait.',
+        low=0.0,
+        high=scan.MAX_WARM_UP_S,
+    )
 
 
 def _declare_recipe(node: CellNode) -> None:

@@ -36,6 +36,10 @@ MOTIONS = ('continuous', 'step')
 MAX_EXPOSURES = 9
 # Why an image is not used by itself: it belongs to the profile of the last of its exposures.
 OTHER_EXPOSURE = 'one of several exposures'
+# The laser of an image has no view; and the position has its profile already (step motion).
+NOT_MEASURED = 'laser not measured'
+SAME_POSITION = 'angle measured already'
+_AT_ANGLE = (NOT_MEASURED, SAME_POSITION)
 # One image was exposed at the stamp: a driver that stamps two alike does not know when.
 SAME_STAMP = 'stamp of another image'
 
@@ -114,8 +118,8 @@ class FrameMatch:
     payload : the image as it was passed to ``add_image``
     reason : why the image is not used; empty where it is used
     angle : table angle, radians, without the whole turns at the start of the scan; exact in
-        single precision, as it is published; also known where the lasers were off, after the
-        first image that is used
+        single precision, as it is published; also known for NOT_MEASURED and SAME_POSITION, and
+        where the lasers were off, after the first image that is used
     speed : velocity of the table, radians per second
     laser : index of the laser in the order of the cell
     dark : the dark frame of the same position, where it is requested and was received
@@ -307,14 +311,14 @@ class FrameMatcher:
         elif fault := self._joint_history.fault_at(stamp_ns):
             reason = fault
         elif laser is not None and settings.view_of(laser) < 0:
-            reason = 'laser not measured'
+            reason = NOT_MEASURED
         elif not reason and settings.motion == 'step':
             reason = self._step_refusal(image, settings.view_of(laser or 0))
         if reason == LASER_OFF and settings.dark and self._at_standstill(image):
             angle = self._joint_history.position_at(stamp_ns)
             self._dark = DarkFrame(payload=image.payload, stamp_ns=stamp_ns, angle=angle)
         if reason or laser is None:
-            return self._unused(image, reason)
+            return self._unused(image, reason, laser)
         angle = self._joint_history.position_at(stamp_ns)
         if self._turns is None:
             # single precision cannot hold the angle of a table that has made many turns
@@ -334,13 +338,13 @@ class FrameMatcher:
             self._measured_angles[match.view] = angle
         return match
 
-    def _unused(self, image: _WaitingImage, reason: str) -> FrameMatch:
-        """Return an image that becomes no profile; one of the lasers off has its angle."""
-        angle = math.nan
-        if reason == LASER_OFF and self._turns is not None:
-            angle = self._joint_history.position_at(image.stamp_ns) - self._turns
+    def _unused(self, image: _WaitingImage, reason: str, laser: int | None) -> FrameMatch:
+        """Return an image that becomes no profile; that of a known laser or none has its angle."""
+        at, angle, turns = image.stamp_ns, math.nan, self._turns
+        if reason in _AT_ANGLE or (reason == LASER_OFF and turns is not None):
+            angle = self._joint_history.position_at(at) - (turns or 0.0)
         return FrameMatch(
-            payload=image.payload, stamp_ns=image.stamp_ns, reason=reason, angle=angle
+            payload=image.payload, stamp_ns=at, reason=reason, angle=angle, laser=laser or 0
         )
 
     def _bracketed(self, match: FrameMatch, settings: MatchSettings) -> FrameMatch:
@@ -379,8 +383,7 @@ class FrameMatcher:
             return 'table moving'
         previous = self._measured_angles.get(view, math.inf)
         angle = self._joint_history.position_at(image.stamp_ns)
-        is_same = abs(angle - previous) < image.settings.min_step
-        return 'angle measured already' if is_same else ''
+        return SAME_POSITION if abs(angle - previous) < image.settings.min_step else ''
 
 
 def _repeated(image: _WaitingImage) -> FrameMatch:

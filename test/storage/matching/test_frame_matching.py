@@ -8,6 +8,8 @@ import pytest
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.storage.matching.frame_matching import FrameMatcher
 from ivfmc_ros.storage.matching.frame_matching import MatchSettings
+from ivfmc_ros.storage.matching.frame_matching import NOT_MEASURED
+from ivfmc_ros.storage.matching.frame_matching import SAME_POSITION
 
 MS = 1_000_000
 START = 1_790_000_000_000 * MS
@@ -284,3 +286,22 @@ def test_table_has_to_stand_before_the_stamp_by_the_delay(delay, reason):
 def test_late_stamps_do_not_go_with_dark_frames():
     with pytest.raises(ParameterError, match='stamp_delay'):
         MatchSettings(stamp_delay=0.1, dark=True)
+
+
+@pytest.mark.parametrize(
+    ('settings', 'reason'),
+    [
+        ({'views': (-1, -1)}, NOT_MEASURED),
+        ({'motion': 'step', 'settle': 0.0}, SAME_POSITION),
+    ],
+)
+def test_image_of_a_known_laser_that_is_not_used_has_laser_and_angle(settings, reason):
+    matcher = a_matcher(exposure=0.01, **settings)
+    for milliseconds in range(0, 600, 20):
+        matcher.add_table_position(at(milliseconds), 7.0)
+        on(matcher, milliseconds, 'right')
+    matcher.add_image(at(100), 'first')
+    matcher.add_image(at(200), 'second')
+    match = list(matcher.pop_matches())[-1]
+    assert (match.payload, match.reason, match.laser) == ('second', reason, 1)
+    assert math.remainder(match.angle - 7.0, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-6)
