@@ -247,6 +247,9 @@ class RenderedCell:
     async def expose(self, seconds: float) -> None:
         """All images have one exposure time."""
 
+    async def warm_up(self, sweep: Sweep) -> None:
+        """Lasers are warm."""
+
     async def measure_profile_rate(self, sweep: Sweep) -> float:
         """Return the planned rate of profiles, 1/s."""
         return self._motion.profile_rate
