@@ -18,6 +18,9 @@ _UNSETTLED = 'unsettled'
 # A later image of a stop shows that the stripe had not come to rest in the one that was measured
 # if it moved by more pixels, and by more standard uncertainties.
 _MIN_SHIFT_PX, _SIGNIFICANT = 0.1, 5.0
+# Nanoseconds between images of a laser that waits: one that is always on also shines in a cell
+# that rests.
+_PERIOD_NS = 90_000_000
 
 
 class StripeRest:
@@ -34,6 +37,7 @@ class StripeRest:
     def restart(self) -> None:
         """Begin a scan."""
         self._motion, self._warming = StripeMotion(), StripeMotion()
+        self._looked_ns = 0
         # of the stops in step motion
         self._judged = self._moved = 0
         self._largest_px = 0.0
@@ -49,6 +53,9 @@ class StripeRest:
     def add_unused(self, match: FrameMatch, decode: Callable[[Any], Image]) -> None:
         """Judge an image of a laser that is on, but becomes no profile."""
         if match.reason == NOT_MEASURED:
+            if match.stamp_ns - self._looked_ns < _PERIOD_NS:
+                return
+            self._looked_ns = match.stamp_ns
             self._warming.add(decode(match.payload), match.laser, match.angle, match.stamp_ns)
         elif match.reason == SAME_POSITION and not self._is_judged:
             self._motion.add(decode(match.payload), match.laser, match.angle, match.stamp_ns)

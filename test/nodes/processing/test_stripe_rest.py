@@ -89,3 +89,15 @@ def test_rate_of_a_laser_that_waits_is_a_figure():
     assert math.isclose(figures['stripe_rate'], 0.1, rel_tol=0.1)
     assert figures['stripe_rate_u'] < 0.02
     assert math.isclose(figures['stripe_seconds'], 3.8, rel_tol=0.03)
+
+
+def test_not_every_image_of_a_laser_that_waits_is_decoded():
+    check, decoded = StripeRest(Node('continuous')), []
+
+    def decode(image):
+        decoded.append(image)
+        return image
+
+    for number in range(60):
+        check.add_unused(unused(1000 + 20 * number, 0.0, 0.0, NOT_MEASURED), decode)
+    assert len(decoded) == 12
