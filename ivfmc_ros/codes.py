@@ -118,7 +118,7 @@ CODES = {
         'the reason for each view. Or the light sheet of a laser moved while the scan was taken; '
         '`registration.table.drift` has by how much.',
         'Check that the part stands firmly and that the calibration is valid, let laser and '
-        'camera warm up, then scan again.',
+        'camera warm up (`warm_up`), then scan again.',
     ),
     'DEGENERATE': Code(
         'The points do not determine the surface, pose or shape.',

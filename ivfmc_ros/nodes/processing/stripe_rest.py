@@ -53,7 +53,7 @@ class StripeRest:
     def add_unused(self, match: FrameMatch, decode: Callable[[Any], Image]) -> None:
         """Judge an image of a laser that is on, but becomes no profile."""
         if match.reason == NOT_MEASURED:
-            if match.stamp_ns - self._looked_ns < _PERIOD_NS:
+            if 0 <= match.stamp_ns - self._looked_ns < _PERIOD_NS:
                 return
             self._looked_ns = match.stamp_ns
             self._warming.add(decode(match.payload), match.laser, match.angle, match.stamp_ns)
