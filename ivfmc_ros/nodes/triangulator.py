@@ -60,8 +60,7 @@ _POLL_S = 0.05
 # Seconds of work in one callback, so that messages and the heartbeat are handled in between.
 _BUDGET_S = 0.04
 # The first images of a scan determine the automatic settings together. Seconds without a further
-# image after which those received so far do; in step motion the orchestrator may be waiting for a
-# profile before it moves the table on.
+# image after which those received so far do; in step motion the table may wait for a profile.
 _SAMPLE_WAIT_S = {'continuous': 5.0, 'step': 1.0}
 # Seconds with all lasers off after which no images are received: none of them could be used.
 _REST_AFTER_S = 10.0
@@ -321,8 +320,9 @@ class Triangulator(CellNode):
     def _process(self, stream: StreamAcquisition, match: FrameMatch) -> None:
         if match.reason:
             self._counts[match.reason] += 1
-            self._laser_check.add_unused(match, self._image)
+            # first: the other one publishes the diagnostics of a dark image at once
             self._rest_check.add_unused(match, self._image)
+            self._laser_check.add_unused(match, self._image)
             return
         try:
             image = self._image(match.payload)

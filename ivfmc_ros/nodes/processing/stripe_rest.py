@@ -12,6 +12,7 @@ from ivfmc_ros.nodes.framework.health import Level
 from ivfmc_ros.storage.matching.frame_matching import FrameMatch
 from ivfmc_ros.storage.matching.frame_matching import NOT_MEASURED
 from ivfmc_ros.storage.matching.frame_matching import SAME_POSITION
+from ivfmc_ros.storage.matching.laser_history import LASER_OFF
 from ivfmc_ros.stripe.stripe_motion import StripeMotion
 
 _UNSETTLED = 'unsettled'
@@ -46,20 +47,28 @@ class StripeRest:
 
     def add_measured(self, frame: Frame) -> None:
         """Keep an image of step motion, to be compared with a later one of the same stop."""
+        self._forget()
         if self._node.get('motion') == 'step' and not frame.bracket:
             self._motion.add(frame.image, frame.laser, frame.angle, frame.stamp_ns)
             self._is_judged = False
 
     def add_unused(self, match: FrameMatch, decode: Callable[[Any], Image]) -> None:
-        """Judge an image of a laser that is on, but becomes no profile."""
+        """Judge an image that becomes no profile: of a laser that is on, or of none."""
         if match.reason == NOT_MEASURED:
             if 0 <= match.stamp_ns - self._looked_ns < _PERIOD_NS:
                 return
             self._looked_ns = match.stamp_ns
             self._warming.add(decode(match.payload), match.laser, match.angle, match.stamp_ns)
+        elif match.reason == LASER_OFF:
+            self._forget()
         elif match.reason == SAME_POSITION and not self._is_judged:
             self._motion.add(decode(match.payload), match.laser, match.angle, match.stamp_ns)
             self._judge()
+
+    def _forget(self) -> None:
+        """Drop the images of a laser that waited: what they tell is not of its next wait."""
+        if self._looked_ns:
+            self._warming, self._looked_ns = StripeMotion(), 0
 
     def _judge(self) -> None:
         shift = self._motion.last

@@ -11,6 +11,7 @@ from ivfmc_ros.nodes.processing.stripe_rest import StripeRest
 from ivfmc_ros.storage.matching.frame_matching import FrameMatch
 from ivfmc_ros.storage.matching.frame_matching import NOT_MEASURED
 from ivfmc_ros.storage.matching.frame_matching import SAME_POSITION
+from ivfmc_ros.storage.matching.laser_history import LASER_OFF
 
 MS = 1_000_000
 
@@ -101,3 +102,17 @@ def test_not_every_image_of_a_laser_that_waits_is_decoded():
     for number in range(60):
         check.add_unused(unused(1000 + 20 * number, 0.0, 0.0, NOT_MEASURED), decode)
     assert len(decoded) == 12
+
+
+@pytest.mark.parametrize('kind', ['dark', 'measured'])
+def test_rate_of_a_wait_is_forgotten_when_it_has_ended(kind):
+    # the next sweep of the same laser would take it for its own, and not wait
+    check = StripeRest(Node('continuous'))
+    for number in range(40):
+        check.add_unused(unused(100 * (number + 1), 0.0, 0.0, NOT_MEASURED), lambda image: image)
+    assert check.figures['stripe_laser'] == 0
+    if kind == 'dark':
+        check.add_unused(unused(5000, 0.0, 0.0, LASER_OFF), lambda image: image)
+    else:
+        stop(check, 10, 0.0)
+    assert check.figures['stripe_laser'] == ''
