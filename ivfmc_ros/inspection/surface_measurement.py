@@ -58,11 +58,11 @@ def measure_surface(
     used = deciding if deciding.any() else own
     deviations = comparison.deviations[used]
     u = comparison.uncertainty.combined[used]
-    area_of = comparison.area[used]
-    weights = area_of if area_of.any() else None
+    areas = comparison.area[used]
+    weights = areas if areas.any() else None
     verdict = NOT_MEASURED
     if coverage >= _MIN_COVERAGE:
-        strays = int(_STRAY_AREA / max(float(np.median(comparison.area[used])), 1e-12))
+        strays = int(_STRAY_AREA / max(float(np.median(areas)), 1e-12))
         verdict = judge_surface(deviations, u, tolerance, min(strays, len(u) // 20))
     return SurfaceResult(
         name=name,

@@ -29,7 +29,6 @@ from ivfmc_ros.registration.closure import find_closures
 from ivfmc_ros.registration.drift import find_drifts
 from ivfmc_ros.registration.drift import with_drifts
 from ivfmc_ros.registration.sections import compare_at
-from ivfmc_ros.registration.sections import profile_step
 from ivfmc_ros.registration.sections import RotationFit
 from ivfmc_ros.registration.sections import Section
 from ivfmc_ros.registration.sections import Sections
@@ -97,7 +96,7 @@ def check_registration(
     cell : views may disagree by what its calibration states; None for an exact one
     """
     unmoved = split_sections(views)
-    found = _with_drift(_checked(unmoved, views, poses, cell), unmoved, views, cell)
+    found = _with_drift(_check_table(unmoved, poses, cell), unmoved, cell)
     failed = [verdict for verdict in verdicts if verdict.failed]
     if found.code in ('SLIPPED', 'NOT_CONVERGED') or not failed:
         return found
@@ -110,34 +109,28 @@ def check_registration(
     )
 
 
-def _with_drift(
-    found: TableCheck, unmoved: Sections | None, views: Sequence[View], cell: Cell | None
-) -> TableCheck:
+def _with_drift(found: TableCheck, unmoved: Sections | None, cell: Cell | None) -> TableCheck:
     """Return the check with the light sheets that moved, seen at the table's own poses."""
-    too_coarse = any(profile_step(view) > _MAX_STEP for view in views)
-    if cell is None or unmoved is None or too_coarse:
+    if cell is None or unmoved is None or _is_too_coarse(unmoved):
         return found
     return with_drifts(found, find_drifts(unmoved, cell), cell)
 
 
-def check_table(views: Sequence[View], poses: Poses, cell: Cell | None = None) -> TableCheck:
+def _is_too_coarse(sections: Sections) -> bool:
+    return any(step > _MAX_STEP for step in sections.steps)
+
+
+def _check_table(unmoved: Sections | None, poses: Poses, cell: Cell | None) -> TableCheck:
     """
     Check whether the table lost steps in or between the sweeps.
 
+    unmoved : sections at the poses of the table; None where no view has a surface
     poses : corrections that the registration applied
-    cell : as for ``check_registration``
     """
-    return _checked(split_sections(views), views, poses, cell)
-
-
-def _checked(
-    unmoved: Sections | None, views: Sequence[View], poses: Poses, cell: Cell | None
-) -> TableCheck:
-    """Return ``check_table`` of the sections of the views at the poses of the table."""
     rms = stated_rms(cell)
     if unmoved is None or len(unmoved.items) < 2:
         return TableCheck(code='UNCHECKED', detail='no view has a surface')
-    if any(profile_step(view) > _MAX_STEP for view in views):
+    if _is_too_coarse(unmoved):
         detail = (
             'lost steps of the table would not show: the profiles are more than '
             f'{math.degrees(_MAX_STEP):.1f} degrees apart; take more profiles'

@@ -117,8 +117,9 @@ class StripeMotion:
             self._series.clear()
             return
         if self._lines is None:
-            self._lines = _find_lines(_gray(first))
-            self._centroids = self._lines.centroids(_gray(first))
+            gray = _gray(first)
+            self._lines = _find_lines(gray)
+            self._centroids = self._lines.centroids(gray)
         self.last = _shift(self._lines.centroids(_gray(image)) - self._centroids)
         if self.last is not None:
             self._series.append((stamp_ns, self.last.pixels))

@@ -17,7 +17,6 @@ from ivfmc_ros.registration.align import align
 from ivfmc_ros.registration.closure import Closure
 from ivfmc_ros.registration.sections import split_sections
 from ivfmc_ros.registration.slip import check_registration
-from ivfmc_ros.registration.slip import check_table
 from ivfmc_ros.registration.solver.verdict import Verdict
 from ivfmc_ros.simulation.bench import bench_cell
 from ivfmc_ros.simulation.parts.solids import box
@@ -168,7 +167,7 @@ def test_one_sweep_without_closure_is_said_to_be_unchecked():
 def test_profiles_far_apart_are_unchecked():
     lines = [stripes[::4] for stripes in turn('box')]
     views = SlippingScan(cell=CELL, stripes=lines, seed=1).views()
-    found = check_table(views, Poses.identity(2))
+    found = check_registration(views, Poses.identity(2), [])
     assert found.code == 'UNCHECKED'
     assert 'more than 4.6 degrees apart' in found.detail
 
@@ -176,8 +175,8 @@ def test_profiles_far_apart_are_unchecked():
 def test_no_surface_is_unchecked():
     view = taken('box').views()[0]
     empty = replace(view, points_xyz=np.full_like(view.points_xyz, np.nan))
-    assert check_table([empty], Poses.identity(1)).code == 'UNCHECKED'
-    assert check_table([], Poses.identity(0)).code == 'UNCHECKED'
+    assert check_registration([empty], Poses.identity(1), []).code == 'UNCHECKED'
+    assert check_registration([], Poses.identity(0), []).code == 'UNCHECKED'
 
 
 def test_registration_that_did_not_converge_is_not_ok():

@@ -4,11 +4,11 @@
 
 from collections.abc import Iterator
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
 from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.meshing.parallel import map_chunked
 from ivfmc_ros.meshing.samples.orphan_points import attach_orphan_points
 from ivfmc_ros.meshing.samples.range_grid import make_range_grid
 from ivfmc_ros.meshing.samples.ray_projection import ClassifiedGrid
@@ -43,9 +43,9 @@ def sample_views(
         for turn in split_turns(view)
     ]
     grids, dropped = project_uncertain_points(classified, sigma, voxel)
-    with ThreadPoolExecutor() as threads:
-        parts = threads.map(lambda grid: sample_grid(grid, max_edge, voxel), grids)
-        samples = merge_samples(parts)
+    samples = merge_samples(
+        map_chunked(lambda one: sample_grid(grids[one.start], max_edge, voxel), len(grids), 1)
+    )
     radius = max_edge or _ORPHAN_SEARCH_RADIUS * voxel
     return attach_orphan_points(samples, dropped, sigma, voxel, radius)
 

@@ -32,13 +32,8 @@ class DiagnosticsWatch:
         self._up = f'{node.get_namespace()}/up'.lstrip('/')
         self.controller_code, self.controller_message = '', ''
         self.zero: str | None = None
-        # how the working volume cuts the part, by the id of the scan
-        self._cuts: dict[str, str] = {}
-        # the laser that shines although it is off, by the id of the scan
-        self._stuck: dict[str, str] = {}
-        self._dark_ns: dict[str, int] = {}
-        self._unsettled: dict[str, str] = {}
-        self._rates: dict[str, StripeRate | None] = {}
+        # what the triangulator says of its last scan
+        self._said: Mapping[str, str] = {}
         self._table_fault = self._camera_fault = ''
         self._camera = f'{node.get_namespace()}/camera'.lstrip('/')
         self._turntable = f'{node.get_namespace()}/turntable'.lstrip('/')
@@ -65,23 +60,27 @@ class DiagnosticsWatch:
 
     def part_cut(self, scan_id: str) -> str:
         """Return how the working volume cuts the part of a scan; '' if it does not."""
-        return self._cuts.get(scan_id, '')
+        return self._of_scan(scan_id).get('part_cut', '')
 
     def laser_stuck(self, scan_id: str) -> str:
         """Return which laser of a scan shines although it is reported off; '' if none does."""
-        return self._stuck.get(scan_id, '')
+        return self._of_scan(scan_id).get('laser_stuck', '')
 
     def dark_ns(self, scan_id: str) -> int:
         """Return the stamp of the last image of a scan in which no laser shines; 0: none yet."""
-        return self._dark_ns.get(scan_id, 0)
+        dark_ns = self._of_scan(scan_id).get('dark_since_stamp', '')
+        return int(dark_ns) if dark_ns.isdigit() else 0
 
     def unsettled(self, scan_id: str) -> str:
         """Return how the stripe of a scan moved after stops of the table; '' if it did not."""
-        return self._unsettled.get(scan_id, '')
+        return self._of_scan(scan_id).get('unsettled', '')
 
     def stripe_rate(self, scan_id: str) -> StripeRate | None:
         """Return how fast the stripe of a laser that is not measured moves; None: unknown."""
-        return self._rates.get(scan_id)
+        return _rate(self._of_scan(scan_id))
+
+    def _of_scan(self, scan_id: str) -> Mapping[str, str]:
+        return self._said if self._said.get('scan_id', '') == scan_id else {}
 
     def _receive(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -101,15 +100,8 @@ class DiagnosticsWatch:
                     self._on_end(values['ended'], status.message)
             if status.name == self._triangulator:
                 values = {value.key: value.value for value in status.values}
-                # of the last scan only
+                self._said = values
                 self._table_fault = values.get('table_fault', '')
-                scan_id = values.get('scan_id', '')
-                self._cuts = {scan_id: values.get('part_cut', '')}
-                self._stuck = {scan_id: values.get('laser_stuck', '')}
-                dark_ns = values.get('dark_since_stamp', '')
-                self._dark_ns = {scan_id: int(dark_ns) if dark_ns.isdigit() else 0}
-                self._unsettled = {scan_id: values.get('unsettled', '')}
-                self._rates = {scan_id: _rate(values)}
 
 
 def _rate(values: Mapping[str, str]) -> StripeRate | None:
