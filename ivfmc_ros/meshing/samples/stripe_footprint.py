@@ -12,11 +12,10 @@ The surface under the flanks of the sheet was measured at neighboring table angl
 the part it holds the neighbors of a point in its image row.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.stats import norm
 
+from ivfmc_ros.meshing.samples.connected_runs import ConnectedRuns
 from ivfmc_ros.meshing.samples.range_grid import RangeGrid
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
@@ -66,44 +65,10 @@ def footprint_margin(grid: RangeGrid, normals: Floats, down: Bools, right: Bools
     with np.errstate(invalid='ignore'):
         smooth = (normals * after).sum(axis=2) > _SMOOTH_COSINE
     right = right & known & np.roll(known, -1, axis=1) & smooth
-    runs = _Runs.of(right, _steps(grid))
+    runs = ConnectedRuns.of(right, _steps(grid))
     margin = np.minimum(_distance(grid, runs.last), _distance(grid, runs.first))
     inner = known & _inside_rows(down)
     return np.where(inner, margin / grid.thickness, _NO_MARGIN)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Runs:
-    """
-    Runs of connected points in the rows of a grid.
-
-    first, last : (rows, columns) columns of both ends of the run of each point, unwrapped
-    """
-
-    first: Ints
-    last: Ints
-
-    @classmethod
-    def of(cls, right: Bools, steps: int) -> '_Runs':
-        """
-        Find the runs; ``steps`` is their greatest length to either side.
-
-        right : (rows, columns) bool, the next point is connected; the last column to the first
-        """
-        count = right.shape[1]
-        place = np.arange(3 * count)
-        thrice = np.concatenate([right] * 3, axis=1)
-        # the nearest column at or after, and at or before, without a connection to its next
-        ends = np.where(thrice, 3 * count, place)
-        last = np.minimum.accumulate(ends[:, ::-1], axis=1)[:, ::-1]
-        starts = np.where(np.roll(thrice, 1, axis=1), -1, place)
-        first = np.maximum.accumulate(starts, axis=1)
-        middle = slice(count, 2 * count)
-        own = place[middle]
-        return cls(
-            first=np.maximum(first[:, middle], own - steps) - count,
-            last=np.minimum(last[:, middle], own + steps) - count,
-        )
 
 
 def _steps(grid: RangeGrid) -> int:

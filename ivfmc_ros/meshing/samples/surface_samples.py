@@ -14,7 +14,9 @@ import numpy as np
 from ivfmc_ros.meshing.samples.range_grid import connected_to_next
 from ivfmc_ros.meshing.samples.range_grid import median_spacings
 from ivfmc_ros.meshing.samples.range_grid import RangeGrid
+from ivfmc_ros.meshing.samples.row_curvature import row_curvature
 from ivfmc_ros.meshing.samples.stripe_footprint import systematic_sigma
+from ivfmc_ros.meshing.samples.thickness import CURVATURE_SIGMAS
 from ivfmc_ros.meshing.samples.thickness import SheetThickness
 from ivfmc_ros.meshing.samples.thickness import thickness_bias
 from ivfmc_ros.model import Bools
@@ -82,7 +84,7 @@ def sample_grid(grid: RangeGrid, max_edge: float | None, voxel: float) -> Surfac
     down, right = connected_to_next(grid, 0, max_edge), connected_to_next(grid, 1, max_edge)
     normals = _grid_normals(grid, down, right)
     systematic = systematic_sigma(grid, normals, down, right)
-    grid, residual = _correct_thickness(grid, normals, right)
+    grid, residual = _correct_thickness(grid, normals, right, down)
     systematic = np.hypot(systematic, residual)
     points = grid.points_xyz
     with np.errstate(invalid='ignore'):
@@ -104,16 +106,20 @@ def sample_grid(grid: RangeGrid, max_edge: float | None, voxel: float) -> Surfac
     return merge_samples([measured, *_interpolated(grid, normals, values, steps)])
 
 
-def _correct_thickness(grid: RangeGrid, normals: Floats, right: Bools) -> tuple[RangeGrid, Floats]:
+def _correct_thickness(
+    grid: RangeGrid, normals: Floats, right: Bools, down: Bools
+) -> tuple[RangeGrid, Floats]:
     """Return the grid without the bias of the sheet's thickness, and the uncertainty of it."""
     if grid.error_direction is None or not grid.thickness:
         return grid, np.zeros(grid.points_xyz.shape[:2])
     sheet = SheetThickness(
         to_camera=grid.to_camera, error_direction=grid.error_direction, thickness=grid.thickness
     )
-    known = np.nan_to_num(normals)
-    bias, u = thickness_bias(grid.points_xyz, normals, right, sheet)
-    return replace(grid, points_xyz=grid.points_xyz + bias[..., None] * known), u
+    half_length = CURVATURE_SIGMAS * grid.thickness
+    curvature = row_curvature(grid.points_xyz, normals, right, down, half_length)
+    bias, u = thickness_bias(curvature, normals, sheet)
+    moved = grid.points_xyz + bias[..., None] * np.nan_to_num(normals)
+    return replace(grid, points_xyz=moved), u
 
 
 def _grid_normals(grid: RangeGrid, down: Bools, right: Bools) -> Floats:

@@ -13,27 +13,25 @@ first order in the curvature.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
+from ivfmc_ros.meshing.samples.row_curvature import RowCurvature
 from ivfmc_ros.model import Bools
 from ivfmc_ros.model import Floats
 
 # Ratio of the means of u^4 and u^2 across a stripe, in variances of the sheet: how strongly the
 # fit of a Gaussian weights the flanks of the stripe. It is 1.5 for equal noise of all pixels and
-# 3 at the shot noise limit; speckle raises it. Found on rendered cylinders (test_thickness.py).
+# 3 at the shot noise limit; speckle raises it. Found on rendered cylinders (test_thickness.py); a
+# regression over pins and holes of 12 to 24 mm gave 3.53, and 0.97 for that of the irradiance.
 _FLANK_WEIGHT = 3.6
-_CURVATURE_WINDOW = (15, 7)  # rows and columns over which the curvature is averaged
-_SHARP_COSINE = np.cos(np.radians(15.0))  # between neighboring normals: an edge, not a curve
-_EDGE_MARGIN = (7, 5)  # rows and columns around an edge in which the curvature is not used
-_MIN_NEIGHBORS = 15  # connected neighbors in the window
+# Half length of the stretch of surface whose curvature counts, sigmas of the sheet.
+CURVATURE_SIGMAS = 3.0
 # Least cosines of the incidence of light and of the viewing direction: at grazing incidence the
 # first-order approximation does not hold.
 _MIN_COSINE = 0.2
-# Standard uncertainty of the bias as a fraction of it: it is of the first order in the curvature.
-# Pins and blind holes of 12 and 20 mm were left 0.25 to 0.5 of it too small (simulation with an
-# exact cell; sizes that no bench reports).
-_RESIDUAL = 0.4
-_ZERO = 1e-18  # square meters, between points at one place
+# Standard uncertainty of the bias as a fraction of it: it is of the first order in the curvature,
+# which is estimated. Of the bias of pins and holes of 12, 20 and 24 mm up to a fifth was left, at
+# most angles less (simulation with an exact cell; sizes that no bench reports).
+_RESIDUAL = 0.25
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -52,52 +50,24 @@ class SheetThickness:
 
 
 def thickness_bias(
-    points: Floats, normals: Floats, connected: Bools, sheet: SheetThickness
+    curvature: RowCurvature, normals: Floats, sheet: SheetThickness
 ) -> tuple[Floats, Floats]:
     """
     Return by how much points lie inside the surface, along their normals, and its uncertainty.
 
-    points, normals : (rows, columns, 3), meters and unit; NaN where there is no point
-    connected : (rows, columns) bool, the point in the next column is on the same surface
-    returns : (rows, columns) meters; 0 where the curvature is unknown; and its standard
-        uncertainty, there the bias of the curvature between neighboring columns
+    normals : (rows, columns, 3) unit, NaN where unknown
+    returns : (rows, columns) meters, 0 where the curvature is unknown; and its standard
+        uncertainty: there, and at grazing incidence, the bias of the local curvature
     """
-    normals = np.nan_to_num(normals)
-    curvature, local = _curvature(points, normals, connected)
-    per_curvature = _bias_per_curvature(normals, sheet)
-    bias = curvature * per_curvature
-    return bias, np.abs(np.where(np.isfinite(local), local * per_curvature, _RESIDUAL * bias))
+    per_curvature, valid = _bias_per_curvature(np.nan_to_num(normals), sheet)
+    corrected = curvature.known & valid
+    bias = np.where(corrected, curvature.value * per_curvature, 0.0)
+    unknown = np.minimum(curvature.local * np.abs(per_curvature), sheet.thickness)
+    return bias, np.where(corrected, _RESIDUAL * np.abs(bias), unknown)
 
 
-def _curvature(points: Floats, normals: Floats, connected: Bools) -> tuple[Floats, Floats]:
-    """
-    Return the mean curvature across columns, 1/meter, convex positive; 0 where unknown.
-
-    returns : (rows, columns); and the greatest to the next columns where the mean is unknown, NaN
-        where it is known
-    """
-    after = np.roll(normals, -1, axis=1)
-    step = np.where(connected[..., None], np.roll(points, -1, axis=1) - points, 0.0)
-    sharp = connected & ((normals * after).sum(axis=2) < _SHARP_COSINE)
-    good = connected & ~ndimage.maximum_filter(sharp, _EDGE_MARGIN, mode='wrap')
-    turn = np.where(good, ((after - normals) * step).sum(axis=2), 0.0)
-    length = np.where(good, (step * step).sum(axis=2), 0.0)
-    mean = [
-        ndimage.uniform_filter(values, _CURVATURE_WINDOW, mode=('constant', 'wrap'))
-        for values in (turn, length, good.astype(np.float64))
-    ]
-    size = _CURVATURE_WINDOW[0] * _CURVATURE_WINDOW[1]
-    enough = mean[2] * size >= _MIN_NEIGHBORS - 0.5
-    known = np.where(enough, mean[0] / np.maximum(mean[1], 1e-30), 0.0)
-    raw = np.abs(((after - normals) * step).sum(axis=2)) / np.maximum(
-        (step * step).sum(axis=2), _ZERO
-    )
-    local = np.where(connected, raw, 0.0)
-    return known, np.where(enough, np.nan, np.maximum(local, np.roll(local, 1, axis=1)))
-
-
-def _bias_per_curvature(normals: Floats, sheet: SheetThickness) -> Floats:
-    """Return (rows, columns) meters inward for a curvature of 1/meter."""
+def _bias_per_curvature(normals: Floats, sheet: SheetThickness) -> tuple[Floats, Bools]:
+    """Return (rows, columns) meters inward for a curvature of 1/meter, and where that holds."""
     to_camera = sheet.to_camera
     n_light = _dot(normals, sheet.error_direction)
     ray = sheet.error_direction * np.copysign(1.0, n_light)[..., None]
@@ -117,7 +87,7 @@ def _bias_per_curvature(normals: Floats, sheet: SheetThickness) -> Floats:
         variance = (sheet.thickness * a / c) ** 2
         shift = variance * (e / a + _FLANK_WEIGHT * (d / (a * c) - b / a**2))
         bias = -shift * n_light / _dot(ray, image)
-    return np.asarray(np.where(valid, bias, 0.0))
+    return np.asarray(np.where(np.isfinite(bias), bias, 0.0)), np.asarray(valid)
 
 
 def _dot(first: Floats, second: Floats) -> Floats:
