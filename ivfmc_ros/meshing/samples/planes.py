@@ -56,6 +56,8 @@ class LocalPlanes:
     inliers : (n,) number of these
     breadth : (n,) meters, 1 sigma of the inliers along their second principal axis
     height_sigma : (n,) 1 sigma of the plane at the point, in units of 1 sigma of an inlier
+    centroid : (n, 3) meters, of the inliers, from the query point
+    scatter : (n, 3, 3) square meters, covariance of the inliers
     """
 
     normals: Floats
@@ -64,6 +66,8 @@ class LocalPlanes:
     inliers: Floats
     breadth: Floats
     height_sigma: Floats
+    centroid: Floats
+    scatter: Floats
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -167,7 +171,8 @@ def _fit_chunk(
     scatter = np.einsum('nki,nkj->nij', centered, centered)
     if through_query:
         scatter += centroid[:, :, None] * centroid[:, None, :]
-    variances, axes = np.linalg.eigh(scatter / safe[..., None])
+    scatter /= safe[..., None]
+    variances, axes = np.linalg.eigh(scatter)
     along = np.einsum('nc,nca->na', centroid, axes[:, :, 1:])
     leverage = (along**2 / np.maximum(variances[:, 1:], 1e-18)).sum(axis=1)
     normals = axes[:, :, 0]
@@ -178,6 +183,8 @@ def _fit_chunk(
         inliers=count,
         breadth=np.sqrt(np.maximum(variances[:, 1], 0.0)),
         height_sigma=np.sqrt((1.0 + leverage) / safe[:, 0]),
+        centroid=centroid,
+        scatter=scatter,
     )
 
 

@@ -15,6 +15,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from ivfmc_ros.meshing.parallel import map_chunked
+from ivfmc_ros.meshing.samples.plane_bias import height_over_planes
 from ivfmc_ros.meshing.samples.planes import fit_planes
 from ivfmc_ros.meshing.samples.planes import LocalPlanes
 from ivfmc_ros.meshing.samples.planes import Neighborhood
@@ -53,6 +55,7 @@ class ClassifiedGrid:
     """
     A range grid and which of its points are uncertain, (rows, columns) bool each.
 
+    max_edge : meters, greatest distance of neighbors; None for 6 median spacings only
     truncated : at the end of a stripe and not on its line
     without_run : of these, those with no connected point before them
     end : last of a stripe, not truncated
@@ -60,6 +63,7 @@ class ClassifiedGrid:
     """
 
     grid: RangeGrid
+    max_edge: float | None
     truncated: Bools
     without_run: Bools
     end: Bools
@@ -82,7 +86,12 @@ class ClassifiedGrid:
             uncertain = left & ~end & (grid.sigma > _UNCERTAIN_SIGMAS * sigma)
         without_run = truncated & run_ends(np.isfinite(points[..., 0]), down)
         return cls(
-            grid=grid, truncated=truncated, without_run=without_run, end=end, uncertain=uncertain
+            grid=grid,
+            max_edge=max_edge,
+            truncated=truncated,
+            without_run=without_run,
+            end=end,
+            uncertain=uncertain,
         )
 
     @property
@@ -111,7 +120,13 @@ def project_uncertain_points(
         radius=_SEARCH_RADIUS * voxel,
         distance_sigma=_DISTANCE_SIGMA * voxel,
     )
-    grids = [_projected(each, neighborhood, sigma, voxel) for each in classified]
+    grids = list(
+        map_chunked(
+            lambda one: _projected(classified[one.start], neighborhood, sigma, voxel),
+            len(classified),
+            1,
+        )
+    )
     dropped = [
         each.grid.points_xyz[
             each.truncated & ~each.without_run & np.isnan(grid.points_xyz[..., 0])
@@ -135,15 +150,18 @@ def _projected(
     tolerance = _INLIER_SIGMAS * sigma
     planes = fit_planes(queries, neighborhood, tolerance, voxel, through_query=False)
     facing = (planes.normals * to_camera).sum(axis=1)
+    solid = replace(grid, points_xyz=points)
+    bulge = height_over_planes(solid, classified.max_edge, place, planes)
+    height = planes.height - np.copysign(1.0, facing) * bulge
     with np.errstate(divide='ignore', invalid='ignore'):
-        along = np.nan_to_num(-planes.height / facing)
+        along = np.nan_to_num(-height / facing)
     truncated, end = classified.truncated[place], classified.end[place]
     own = np.hypot(grid.sigma[place], np.where(end, _END_BIAS * sigma, 0.0))
     plane_sigma = np.maximum(planes.height_sigma, 1e-3) * sigma
     max_height = np.where(end, _MAX_END_HEIGHT * sigma, _MAX_UNCERTAIN_HEIGHT * grid.sigma[place])
     good = _is_reliable(planes, sigma, voxel) & (np.abs(facing) > _MIN_FACING)
     good &= _within_sheet(grid, place, along, sigma)
-    good &= truncated | (np.abs(planes.height) < max_height)
+    good &= truncated | (np.abs(height) < max_height)
     # inverse-variance mean of point and plane; of a truncated end only its ray is known
     share = np.where(truncated, 1.0, own**2 / (own**2 + plane_sigma**2))
     chosen = tuple(index[good] for index in place)

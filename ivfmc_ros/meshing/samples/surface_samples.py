@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from ivfmc_ros.meshing.samples.grid_normals import grid_normals
 from ivfmc_ros.meshing.samples.range_grid import connected_to_next
-from ivfmc_ros.meshing.samples.range_grid import median_spacings
 from ivfmc_ros.meshing.samples.range_grid import RangeGrid
 from ivfmc_ros.meshing.samples.row_curvature import row_curvature
 from ivfmc_ros.meshing.samples.stripe_footprint import systematic_sigma
@@ -31,7 +31,6 @@ _MAX_SEGMENTS = 20
 # Between normals that differ by less than this (cosine; 37 degrees) a curve is interpolated, and
 # a straight line elsewhere.
 _SMOOTH_COSINE = 0.8
-_MAX_TANGENT_STEPS = 8  # rows or columns to either side from which a tangent is computed
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -82,7 +81,7 @@ def sample_grid(grid: RangeGrid, max_edge: float | None, voxel: float) -> Surfac
     voxel : meters; columns farther apart than this are interpolated
     """
     down, right = connected_to_next(grid, 0, max_edge), connected_to_next(grid, 1, max_edge)
-    normals = _grid_normals(grid, down, right)
+    normals = grid_normals(grid.points_xyz, grid.to_camera, down, right)
     systematic = systematic_sigma(grid, normals, down, right)
     grid, residual = _correct_thickness(grid, normals, right, down)
     systematic = np.hypot(systematic, residual)
@@ -120,33 +119,6 @@ def _correct_thickness(
     bias, u = thickness_bias(curvature, normals, sheet)
     moved = grid.points_xyz + bias[..., None] * np.nan_to_num(normals)
     return replace(grid, points_xyz=moved), u
-
-
-def _grid_normals(grid: RangeGrid, down: Bools, right: Bools) -> Floats:
-    """Return (rows, columns, 3) unit normals on the side of the camera; NaN where unknown."""
-    points = grid.points_xyz
-    spacings = median_spacings(points)
-    ratio = spacings[1] / spacings[0] if np.isfinite(spacings).all() else 1.0
-    # tangents of equal length both ways, so that they are equally accurate
-    rows, columns = (max(1, min(_MAX_TANGENT_STEPS, round(r))) for r in (ratio, 1.0 / ratio))
-    normals = np.cross(_tangents(points, down, 0, rows), _tangents(points, right, 1, columns))
-    normals *= np.copysign(1.0, (normals * grid.to_camera).sum(axis=2, keepdims=True))
-    with np.errstate(invalid='ignore', divide='ignore'):
-        normals /= np.linalg.norm(normals, axis=2, keepdims=True)
-    return np.asarray(normals)
-
-
-def _tangents(points: Floats, connected: Bools, axis: int, max_steps: int) -> Floats:
-    """Return the vectors from the farthest connected point behind to the farthest ahead."""
-    ahead, behind = points, points
-    reaches_ahead = np.ones(connected.shape, dtype=bool)
-    reaches_behind = reaches_ahead.copy()
-    for step in range(1, max_steps + 1):
-        reaches_ahead = reaches_ahead & np.roll(connected, -(step - 1), axis=axis)
-        reaches_behind = reaches_behind & np.roll(connected, step, axis=axis)
-        ahead = np.where(reaches_ahead[..., None], np.roll(points, -step, axis=axis), ahead)
-        behind = np.where(reaches_behind[..., None], np.roll(points, step, axis=axis), behind)
-    return np.asarray(ahead - behind)
 
 
 def _weights(grid: RangeGrid, normals: Floats) -> Floats:

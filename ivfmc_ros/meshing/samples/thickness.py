@@ -20,9 +20,9 @@ from ivfmc_ros.model import Floats
 
 # Ratio of the means of u^4 and u^2 across a stripe, in variances of the sheet: how strongly the
 # fit of a Gaussian weights the flanks of the stripe. It is 1.5 for equal noise of all pixels and
-# 3 at the shot noise limit; speckle raises it. Found on rendered cylinders (test_thickness.py); a
-# regression over pins and holes of 12 to 24 mm gave 3.53, and 0.97 for that of the irradiance.
-_FLANK_WEIGHT = 3.6
+# 3 at the shot noise limit; speckle raises it. A regression over rendered pins and holes of 12 to
+# 24 mm gave 3.11, and 1.02 for the factor of the irradiance; over spheres of 22 mm 3.27.
+_FLANK_WEIGHT = 3.1
 # Half length of the stretch of surface whose curvature counts, sigmas of the sheet.
 CURVATURE_SIGMAS = 3.0
 # Least cosines of the incidence of light and of the viewing direction: at grazing incidence the
@@ -77,10 +77,12 @@ def _bias_per_curvature(normals: Floats, sheet: SheetThickness) -> tuple[Floats,
     along = _unit(np.cross(normals, line))
     image = _unit(ray - _dot(ray, to_camera)[..., None] * to_camera)
     across = np.cross(line, ray)
+    # the plane cuts the surface obliquely, in a curve of greater curvature (Meusnier)
+    oblique = np.maximum(1.0 - _dot(normals, line) ** 2, _MIN_COSINE**2)
     # to second order in t along the surface, of curvature k: u = a t - k b t^2 in the image,
     # s = c t - k d t^2 across the sheet, and the irradiance ln L = k e t
-    a, b = _dot(along, image), 0.5 * _dot(normals, image)
-    c, d = _dot(along, across), 0.5 * _dot(normals, across)
+    a, b = _dot(along, image), 0.5 * _dot(normals, image) / oblique
+    c, d = _dot(along, across), 0.5 * _dot(normals, across) / oblique
     valid = (n_light > _MIN_COSINE) & (np.abs(a) > _MIN_COSINE) & (np.abs(c) > 1e-3)
     with np.errstate(invalid='ignore', divide='ignore'):
         e = _dot(along, ray) / n_light

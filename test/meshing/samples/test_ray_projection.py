@@ -104,3 +104,30 @@ def test_without_points_nothing_happens(wall):
     found, dropped = project(none)
     assert np.isnan(found.points_xyz).all()
     assert len(dropped) == 0
+
+
+def test_point_of_large_sigma_moves_onto_a_curved_surface():
+    """The plane through its neighbors lies 0.02 mm inside."""
+    radius = 0.008
+    rng = np.random.default_rng(0)
+    row, column = np.meshgrid(np.arange(40.0), np.arange(-20.0, 21.0), indexing='ij')
+    angle = np.pi / 2 + 1.5 * STEP * column / radius
+    normal = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=2)
+    noise = rng.normal(scale=0.2 * SIGMA, size=row.shape)
+    points = (radius + noise)[..., None] * normal
+    points[..., 2] = 1.5 * STEP * row
+    sigma = np.full(row.shape, SIGMA)
+    uncertain = (np.arange(8, 32, 4)[:, None], np.arange(10, 31, 4))
+    sigma[uncertain] = 6 * SIGMA
+    grid = RangeGrid(
+        points_xyz=points,
+        to_camera=np.broadcast_to(TO_CAMERA, points.shape),
+        error_direction=np.broadcast_to(ERROR, points.shape),
+        sigma=sigma,
+        intensity=np.full(row.shape, 100.0),
+        thickness=THICKNESS,
+    )
+    found, _ = project(grid)
+    moved = found.points_xyz[uncertain]
+    assert (found.sigma[uncertain] < 2 * SIGMA).all()
+    assert abs((np.hypot(moved[..., 0], moved[..., 1]) - radius).mean()) < 0.1 * SIGMA
