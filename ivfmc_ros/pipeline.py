@@ -54,6 +54,7 @@ from ivfmc_ros.stripe.acquisition import Acquisition
 from ivfmc_ros.stripe.acquisition import AcquisitionSettings
 from ivfmc_ros.stripe.clipping import Clipping
 from ivfmc_ros.stripe.sample_images import SampleImages
+from ivfmc_ros.stripe.sheet_width import SheetVerdict
 from ivfmc_ros.stripe.space_time_stream import create_stream
 from ivfmc_ros.validation import require_in_range
 from ivfmc_ros.validation import require_one_of
@@ -100,6 +101,8 @@ class Reconstruction:
     seconds : duration of each stage
     misfit : distance between the surfaces of the lasers; None if they share none
     clipping : how the working volume cuts the part; None if it does not
+    sheets : whether the light sheets are as thick as when calibrated; None without images, or
+        where the material shapes the stripe
     table : whether lost steps of the table were found; None for several scans
     refined : self-calibration of the cell; None if it was not requested
     merged : how several scans were merged; None for a single scan
@@ -116,6 +119,7 @@ class Reconstruction:
     seconds: dict[str, float]
     misfit: Misfit | None = None
     clipping: Clipping | None = None
+    sheets: SheetVerdict | None = None
     table: TableCheck | None = None
     refined: RefinementResult | None = None
     merged: Merged | None = None
@@ -170,7 +174,7 @@ def reconstruct(
     settings = replace(settings, acquisition=acquisition.settings)
     run = _Run(settings=settings, watch=watch, counts=acquisition.counts.as_dict())
     made = _reconstruct(cell, profiles, samples.chosen(), run, progress)
-    return replace(made, clipping=acquisition.clipping_with_extent())
+    return replace(made, clipping=acquisition.clipping_with_extent(), sheets=acquisition.sheets())
 
 
 def reconstruct_profiles(

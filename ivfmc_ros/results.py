@@ -121,6 +121,8 @@ def _document(
     document.update(table_report(made))
     if made.clipping is not None:
         document['volume'] = asdict(made.clipping)
+    if made.sheets is not None:
+        document['sheets'] = asdict(made.sheets)
     if made.misfit is not None:
         document['lasers'] = asdict(made.misfit)
     if made.refined is not None:

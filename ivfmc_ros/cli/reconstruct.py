@@ -176,7 +176,7 @@ def say(output: Path, document: Mapping[str, Any]) -> None:
         )
     for line in _table_lines(document):
         stdout.print(line)
-    for subject in ('volume', 'lasers'):
+    for subject in ('volume', 'sheets', 'lasers'):
         if advice := document.get(subject, {}).get('advice'):
             stdout.print(advice)
     for placed in document.get('merge', [])[1:]:

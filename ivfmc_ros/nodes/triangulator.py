@@ -33,14 +33,12 @@ from ivfmc_ros.nodes.framework.base import run
 from ivfmc_ros.nodes.framework.life import HEARTBEAT_S
 from ivfmc_ros.nodes.processing.cell_frames import CellFrames
 from ivfmc_ros.nodes.processing.cell_source import CellSource
+from ivfmc_ros.nodes.processing.image_checks import ImageChecks
 from ivfmc_ros.nodes.processing.image_input import ImageInput
-from ivfmc_ros.nodes.processing.laser_check import LaserCheck
 from ivfmc_ros.nodes.processing.stamp_conditions import StampConditions
 from ivfmc_ros.nodes.processing.stripe_image import StripeImagePublisher
-from ivfmc_ros.nodes.processing.stripe_rest import StripeRest
 from ivfmc_ros.nodes.processing.triangulator_parameters import declare
 from ivfmc_ros.nodes.processing.triangulator_parameters import match_settings
-from ivfmc_ros.nodes.processing.volume_check import VolumeCheck
 from ivfmc_ros.storage.matching.frame_matching import FrameMatch
 from ivfmc_ros.storage.matching.frame_matching import FrameMatcher
 from ivfmc_ros.storage.matching.image_loss import ImageLoss
@@ -92,9 +90,7 @@ class Triangulator(CellNode):
         self._last_profile_s = self._beat_s = self.steady_s()
         self._working = False
         self._stamps = StampConditions(self)
-        self._volume = VolumeCheck(self)
-        self._laser_check = LaserCheck(self, self._laser_names)
-        self._rest_check = StripeRest(self)
+        self._image_checks = ImageChecks(self, self._laser_names)
         # what messages without our joint or lasers have instead, by topic
         self._others: dict[str, str] = {}
         self.changed(self._change)
@@ -137,8 +133,7 @@ class Triangulator(CellNode):
         if 'scan_id' in names:
             self._seq = self.get('first_profile')
             self._matcher.reset()
-            self._laser_check.restart()
-            self._rest_check.restart()
+            self._image_checks.restart()
             self._source.reload()
             self._counts.clear()
             self._loss = ImageLoss()
@@ -320,9 +315,7 @@ class Triangulator(CellNode):
     def _process(self, stream: StreamAcquisition, match: FrameMatch) -> None:
         if match.reason:
             self._counts[match.reason] += 1
-            # first: the other one publishes the diagnostics of a dark image at once
-            self._rest_check.add_unused(match, self._image)
-            self._laser_check.add_unused(match, self._image)
+            self._image_checks.add_unused(match, self._image)
             return
         try:
             image = self._image(match.payload)
@@ -361,8 +354,7 @@ class Triangulator(CellNode):
             self._counts['empty profiles'] += not len(profile)
         # last, so that an error in a debug image costs no profile
         for frame, profile in measured:
-            self._laser_check.add_lit(frame, profile)
-            self._rest_check.add_measured(frame)
+            self._image_checks.add_measured(frame, profile)
             self._stripe_image.publish(frame, profile)
 
     def before_diagnosis(self) -> None:
@@ -371,7 +363,7 @@ class Triangulator(CellNode):
         self._stamps.judge_table(self._matcher.table_fault, self._joints.topic)
         if self._source.complete:
             self._rest()
-        self._volume.update(self._stream.acquisition if self._stream else None)
+        self._image_checks.update(self._stream.acquisition if self._stream else None)
         counts = ', '.join(f'{count} {name}' for name, count in self._counts.items() if count)
         self.status(
             '',
@@ -380,9 +372,7 @@ class Triangulator(CellNode):
             scan_id=self.get('scan_id'),
             images_not_received=self._loss.not_received,
             images_not_taken=self._loss.not_taken,
-            part_cut=self._volume.advice,
-            **self._laser_check.figures,
-            **self._rest_check.figures,
+            **self._image_checks.figures,
             table_fault=self._stamps.table_fault,
             tf=self._frames.state,
             # matched ones: what is published before is lost to a subscription that joins

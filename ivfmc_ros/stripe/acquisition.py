@@ -42,6 +42,8 @@ from ivfmc_ros.stripe.glare import expected_width
 from ivfmc_ros.stripe.glare import is_glaring
 from ivfmc_ros.stripe.roi import RegionOfInterest
 from ivfmc_ros.stripe.roi import stripe_mask
+from ivfmc_ros.stripe.sheet_width import SheetVerdict
+from ivfmc_ros.stripe.sheet_width import SheetWidth
 from ivfmc_ros.stripe.space_time import space_time_profile
 from ivfmc_ros.stripe.texture import with_colors
 from ivfmc_ros.stripe.triangulate import triangulate
@@ -138,6 +140,7 @@ class Acquisition:
         self._initial_settings = settings
         self.settings = settings
         self.counts = AcquisitionCounts()
+        self._sheets = SheetWidth(cell)
         self._forget_cuts()
 
     def for_new_scan(self) -> 'Acquisition':
@@ -145,6 +148,7 @@ class Acquisition:
         other = copy.copy(self)
         other.settings = self._initial_settings
         other.counts = AcquisitionCounts()
+        other._sheets = SheetWidth(self.cell)
         other._forget_cuts()
         return other
 
@@ -273,6 +277,8 @@ class Acquisition:
         self.counts.outside_volume += len(triangulated) - len(inside)
         self.counts.noise += int(np.count_nonzero(~clean))
         profile = denoise.select_points(triangulated, inside[clean])
+        if not frame.bracket:
+            self._sheets.add(profile, stripe)
         return profile if texture is None else with_colors(profile, texture)
 
     def _keep_cut_frame(self, frame: Frame) -> None:
@@ -307,6 +313,12 @@ class Acquisition:
             connected_extent(wide.profile(frame).points_xyz, volume, limit) for frame in frames
         ]
         return judge_clipping(counts.pictures, counts.cut_radius, counts.cut_top, volume, extents)
+
+    def sheets(self) -> SheetVerdict | None:
+        """Return whether the focus seems changed; None where the material shapes the stripe."""
+        extraction = self.settings.extract
+        shaped = extraction.glare == 'on' or extraction.method == 'top_of_peak'
+        return None if shaped else self._sheets.judge()
 
     def _masked(self, frame: Frame) -> Image:
         """Return the region of interest, transposed so that there is one stripe point per row."""

@@ -308,6 +308,16 @@ def test_cancel_ends_the_jobs_of_the_nodes(client, fake, orchestrator):
     assert fake.called[-2:] == ['registrar/cancel', 'recorder/stop']
 
 
+def test_focus_that_was_changed_is_said(client, fake, orchestrator):
+    doubt = 'laser left: its sheet looks 1.60 times as thick as when it was calibrated'
+    fake.on_call['recorder/start'] = lambda: fake.say_of_triangulator(
+        scan_id=fake.parameter('registrar', 'scan_id'), focus=doubt
+    )
+    success, answer = client.trigger('scan')
+    assert success, answer
+    assert answer['detail'] == doubt
+
+
 def test_part_that_the_working_volume_cuts_is_said(client, fake, orchestrator):
     advice = 'the surface goes on beyond the radius of the working volume; set radius to 0.072 m'
 

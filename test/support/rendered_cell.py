@@ -101,8 +101,8 @@ class RenderedCell:
         self._profiles: list[Profile] = []
         self._clocks = ClockMonitor(lambda: self._now_s, lambda: self._wall_s('orchestrator'))
         self._matcher = FrameMatcher(LASERS, MatchSettings(exposure=_EXPOSURE_S))
-        # nothing cuts the part, and no stripe moves after a stop
-        watch = SimpleNamespace(part_cut=lambda _: '', unsettled=lambda _: '')
+        # nothing cuts the part, no stripe moves after a stop, the focus stays
+        watch = SimpleNamespace(**dict.fromkeys(('part_cut', 'unsettled', 'focus'), lambda _: ''))
         self._link = SimpleNamespace(headers={}, info_stamps_ns=[], diagnostics=watch)
         self._checks = ScanChecks(self._link, plan, motion, CompletenessLimits(), '')  # type: ignore[arg-type]
         self.registered: worker_jobs.RegisteredViews | None = None

@@ -75,6 +75,10 @@ class DiagnosticsWatch:
         """Return how the stripe of a scan moved after stops of the table; '' if it did not."""
         return self._of_scan(scan_id).get('unsettled', '')
 
+    def focus(self, scan_id: str) -> str:
+        """Return how the light sheets of a scan differ from those calibrated; '' if not."""
+        return self._of_scan(scan_id).get('focus', '')
+
     def stripe_rate(self, scan_id: str) -> StripeRate | None:
         """Return how fast the stripe of a laser that is not measured moves; None: unknown."""
         return _rate(self._of_scan(scan_id))

@@ -68,8 +68,9 @@ class ScanChecks:
             'views': [view.as_dict() for view in views],
             'images': self._completeness.lost_images(headers, self._link.info_stamps_ns),
         }
-        unsettled = self._link.diagnostics.unsettled(self._scan_id)
-        for note in (cut, unsettled, *self.notes):
+        said = self._link.diagnostics
+        doubts = (said.unsettled(self._scan_id), said.focus(self._scan_id))
+        for note in (cut, *doubts, *self.notes):
             if note:
                 outcome.mark('OK', note)
         incomplete = [view.why for view in views if view.why]
