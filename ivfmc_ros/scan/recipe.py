@@ -53,12 +53,14 @@ class InspectionPlan:
 
     nominal : file of the CAD model, and its length unit
     datums : names of features for the alignment ``datum``
+    states_temperature : the recipe gives the temperature of the part; otherwise a sensor may
     """
 
     nominal: Path
     unit: str
     settings: InspectSettings
     datums: tuple[str, ...] = ()
+    states_temperature: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,7 +205,13 @@ def _inspection(path: Path, given: YamlMapping) -> InspectionPlan:
     except ParameterError as error:
         raise RecipeError(f'{given.where}: {error}') from None
     nominal = _nominal(path, given)
-    return InspectionPlan(nominal=nominal, unit=unit, settings=settings, datums=tuple(datums))
+    return InspectionPlan(
+        nominal=nominal,
+        unit=unit,
+        settings=settings,
+        datums=tuple(datums),
+        states_temperature=given.has('temperature'),
+    )
 
 
 def _sections(given: YamlMapping) -> tuple[SectionPlane, ...]:

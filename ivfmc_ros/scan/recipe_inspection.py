@@ -6,6 +6,7 @@ Judges the mesh of a scan by its recipe: ``inspection.json`` and ``inspection.ht
 ``recipe_verdict`` runs it as a process.
 """
 
+from dataclasses import replace
 import os
 from pathlib import Path
 import sys
@@ -25,12 +26,16 @@ from ivfmc_ros.inspection.reports.html import write_html
 from ivfmc_ros.inspection.reports.inspection_page import inspection_page
 from ivfmc_ros.inspection.reports.json_report import write_report
 from ivfmc_ros.inspection.reports.summary import document
+from ivfmc_ros.inspection.settings import InspectSettings
 from ivfmc_ros.scan import scan_folder
+from ivfmc_ros.scan.recipe import InspectionPlan
 from ivfmc_ros.scan.recipe import load_recipe
 from ivfmc_ros.scan.recipe import Recipe
 from ivfmc_ros.scan.recipe_verdict import INSPECTION
 from ivfmc_ros.scan.recipe_verdict import INSPECTION_PAGE
 from ivfmc_ros.scan.stored_recipe import RECIPE_FOLDER
+from ivfmc_ros.scan.temperature import load_temperature
+from ivfmc_ros.scan.temperature import TEMPERATURE_FILE
 from ivfmc_ros.scan.title_block import title_block
 from ivfmc_ros.worker import end_with_parent
 
@@ -53,7 +58,7 @@ def inspect_scan(folder: Path, recipe: Recipe) -> dict[str, Any]:
     cell = load_draft(folder / 'cell.yaml').complete(
         load_camera(folder / 'camera.yaml'), str(folder / 'cell.yaml')
     )
-    settings = plan.settings.with_scale_of(cell)
+    settings = _at_temperature(plan, folder).with_scale_of(cell)
     path, unit = _mesh_of(folder)
     mesh, nominal = read_mesh(path, unit), read_mesh(plan.nominal, plan.unit)
     require_similar_size(mesh, nominal, (path, plan.nominal), (unit, plan.unit))
@@ -72,6 +77,16 @@ def inspect_scan(folder: Path, recipe: Recipe) -> dict[str, Any]:
     # last: who finds it finds the page too
     write_report(folder / INSPECTION, figures)
     return figures
+
+
+def _at_temperature(plan: InspectionPlan, folder: Path) -> InspectSettings:
+    """Return the settings at the temperature of the scan's sensor, if the recipe states none."""
+    measured = load_temperature(folder)
+    if measured is None or plan.states_temperature:
+        return plan.settings
+    where = folder / TEMPERATURE_FILE
+    conditions = measured.applied_to(plan.settings.conditions, where)
+    return replace(plan.settings, conditions=conditions)
 
 
 def _mesh_of(folder: Path) -> tuple[Path, str]:

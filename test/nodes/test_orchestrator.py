@@ -13,6 +13,7 @@ import signal
 import sqlite3
 
 import pytest
+from sensor_msgs.msg import Temperature
 from std_msgs.msg import UInt64
 from support.graph_rig import following_client
 from support.graph_rig import running
@@ -306,6 +307,20 @@ def test_cancel_ends_the_jobs_of_the_nodes(client, fake, orchestrator):
     assert client.trigger('cancel')[0]
     await_stage(client, 'CANCELLED')
     assert fake.called[-2:] == ['registrar/cancel', 'recorder/stop']
+
+
+def test_temperature_of_a_sensor_is_in_the_answer(client, fake, orchestrator, cell_file):
+    sensor = fake.node.create_publisher(Temperature, 'temperature', 1)
+    before = cell_file.read_text()
+    cell_file.write_text(before + 'temperature_c: 20.0\n')
+    fake.on_call['recorder/start'] = lambda: sensor.publish(Temperature(temperature=26.5))
+    success, answer = client.trigger('scan')
+    cell_file.write_text(before)
+    assert success, answer
+    measured = answer['temperature']
+    assert (measured['mean_c'], measured['u_k'], measured['readings']) == (26.5, 0.5, 1)
+    assert 'calibrated at 20 C and has 26.5 C now' in answer['detail']
+    assert (Path(answer['folder']) / 'temperature.json').is_file()
 
 
 def test_focus_that_was_changed_is_said(client, fake, orchestrator):

@@ -21,6 +21,8 @@ from ivfmc_ros.scan.recipe_inspection import inspect_scan
 from ivfmc_ros.scan.recipe_verdict import InspectionProcess
 from ivfmc_ros.scan.stored_recipe import load_stored_recipe
 from ivfmc_ros.scan.stored_recipe import store_recipe
+from ivfmc_ros.scan.temperature import save_temperature
+from ivfmc_ros.scan.temperature import ScanTemperature
 from ivfmc_ros.simulation.parts.solids import box
 
 SIZE = (0.02, 0.03, 0.05)
@@ -72,6 +74,18 @@ def test_mesh_is_judged_with_a_known_uncertainty(tmp_path, root):
     stored = json.loads((folder / 'inspection.json').read_text())
     assert (stored['recipe'], stored['nominal']) == ('box', 'box.stl')
     assert (folder / 'inspection.html').stat().st_size > 10_000
+
+
+def test_sensor_gives_the_temperature_of_the_part_unless_the_recipe_does(tmp_path, root):
+    folder = scanned(tmp_path / 'scan', root)
+    save_temperature(folder, ScanTemperature(mean_c=25, u_k=0.2, low_c=25, high_c=25, readings=1))
+    conditions = inspect_scan(folder, load_stored_recipe(folder, 'box'))['conditions']
+    assert (conditions['temperature'], conditions['temperature_u']) == (25, 0.2)
+    document = yaml.safe_load((root / 'box.yaml').read_text())
+    document['inspection']['temperature'] = 21.5
+    (root / 'box.yaml').write_text(yaml.safe_dump(document))
+    conditions = inspect_scan(folder, load_recipe(root, 'box'))['conditions']
+    assert (conditions['temperature'], conditions['temperature_u']) == (21.5, 0.0)
 
 
 def test_process_says_what_it_found_in_short(tmp_path, root):

@@ -116,7 +116,7 @@ def _heading(
         'nominal': str(figures.get('nominal', '')),
         'tolerance': f'±{settings.tolerance * 1e3:g} mm',
         'alignment': figures['alignment']['method'].replace('_', ' '),
-        'part at': f'{conditions.temperature:g} °C (u = {conditions.temperature_u:g} K)',
+        'part at': f'{conditions.temperature:.4g} °C (u = {conditions.temperature_u:.2g} K)',
         'uncertainty of scale': scale,
         'inspected (UTC)': f'{datetime.now(UTC):%Y-%m-%d %H:%M:%S}',
         'software': f'ivfmc_ros {__version__}',

@@ -8,6 +8,7 @@ from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import JointState
 from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import Temperature
 from std_msgs.msg import Header
 from std_msgs.msg import UInt64
 from trajectory_msgs.msg import JointTrajectory
@@ -23,6 +24,7 @@ from ivfmc_ros.scan.clock_monitor import ClockMonitor
 from ivfmc_ros.scan.liveness import AttentiveClock
 from ivfmc_ros.scan.liveness import LivenessMonitor
 from ivfmc_ros.scan.table_reports import TableReports
+from ivfmc_ros.scan.temperature import TemperatureLog
 from ivfmc_ros.storage.matching.joint_history import joint_in_message
 from ivfmc_ros.storage.messages.profile_header import ProfileHeader
 from ivfmc_ros.storage.messages.profile_header import read_profile_header
@@ -35,6 +37,8 @@ JOINTS = 'joint_states'
 
 # Profiles that ``latest_profiles`` returns: more than are received between two polls.
 _LATEST = 50
+# A reading of the temperature before the scan counts for it if it is not older, seconds.
+_READING_S = 300.0
 # Duration of the move that stops the table where it is, seconds.
 _HALT_S = 0.2
 
@@ -53,6 +57,7 @@ class CellLink:
     last_image_ns : stamp of the last image
     recorded : number of the last profile on disk
     headers : header of each profile of the scan, by its number
+    temperature : readings of the sensor during the scan
     """
 
     def __init__(self, node: CellNode, joint: str, limit: float) -> None:
@@ -74,6 +79,9 @@ class CellLink:
         self.last_image_ns = 0
         self.recorded: int | None = None
         self.headers: dict[int, ProfileHeader] = {}
+        self.temperature = TemperatureLog(0.0)
+        # a sensor may give a reading a minute
+        self._last_reading: Temperature | None = None
         # since when profiles are not on disk yet, or when one last was; None: all are
         self._unrecorded_since: float | None = None
         self._repeated_seq: int | None = None
@@ -92,6 +100,7 @@ class CellLink:
             node.subscribe(JointState, 'laser_states', self._receive_lasers),
             node.subscribe(PointCloud2, 'profile', self._receive_profile),
             node.subscribe(UInt64, 'recorded', self._receive_recorded),
+            node.subscribe(Temperature, 'temperature', self._receive_temperature),
             node.steady_timer(HOLD_S, self._tick),
         ]
 
@@ -112,6 +121,9 @@ class CellLink:
         self.clocks.reset()
         self.info_stamps_ns.clear()
         self.recorded = self._unrecorded_since = self._repeated_seq = None
+        self.temperature = TemperatureLog(self._node.get('temperature_u'))
+        if self._last_reading is not None and self._age_s(self._last_reading) < _READING_S:
+            self._receive_temperature(self._last_reading)
 
     def take_over(self, taken: TakenProfiles) -> None:
         """Know the profiles of the bag of a scan that goes on."""
@@ -180,6 +192,14 @@ class CellLink:
         if self._node.count_publishers('laser_states') == 0:
             return True
         return self.lasers.get(laser, False) and sum(self.lasers.values()) == 1
+
+    def _receive_temperature(self, message: Temperature) -> None:
+        self._last_reading = message
+        self.temperature.add(message.temperature, message.variance)
+
+    def _age_s(self, message: Temperature) -> float:
+        now_ns = self._node.get_clock().now().nanoseconds
+        return float(1e-9 * abs(now_ns - nanoseconds(message.header.stamp)))
 
     def _header(self, frame_id: str) -> Header:
         header = Header(frame_id=frame_id)

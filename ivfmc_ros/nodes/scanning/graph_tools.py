@@ -26,6 +26,7 @@ from ivfmc_ros.nodes.scanning.scan_checks import ScanChecks
 from ivfmc_ros.nodes.scanning.scan_context import ScanContext
 from ivfmc_ros.nodes.scanning.scan_guard import NOT_RECORDED
 from ivfmc_ros.nodes.scanning.scan_guard import ScanGuard
+from ivfmc_ros.nodes.scanning.scan_temperature import record_temperature
 from ivfmc_ros.nodes.scanning.table_motion import TableMotion
 from ivfmc_ros.nodes.scanning.warm_up import WarmUp
 from ivfmc_ros.scan.disk_space import DiskWatch
@@ -324,6 +325,7 @@ class GraphTools:
 
     def judge(self, outcome: Outcome) -> None:
         """Set the code of the outcome where what came is not what the plan asked for."""
+        record_temperature(self._node, self._link, self.context.folder, outcome)
         self._checks.judge(outcome)
 
     async def build_mesh(self) -> Mapping[str, Any]:

@@ -3,6 +3,7 @@
 """One scan from its acceptance to its response: files, catalogue rows, status, result."""
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import replace
@@ -273,6 +274,8 @@ class RunningScan:
         }
         if outcome.detail:
             answer['detail'] = outcome.detail
+        if (temperature := self.link.temperature.summary()) is not None:
+            answer['temperature'] = asdict(temperature)
         if outcome.inspection:
             answer['verdict'] = outcome.inspection['verdict']
             answer['inspection'] = dict(outcome.inspection)

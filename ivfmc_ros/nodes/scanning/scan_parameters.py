@@ -17,6 +17,7 @@ from ivfmc_ros.meshing.io.export import UNITS
 from ivfmc_ros.nodes.framework.base import CellNode
 from ivfmc_ros.nodes.scanning.acceptance_check import declare_check_parameters
 from ivfmc_ros.nodes.scanning.acceptance_check import require_check
+from ivfmc_ros.nodes.scanning.scan_temperature import declare_temperature_parameters
 from ivfmc_ros.scan import request as scan
 from ivfmc_ros.scan.plan import MotionLimits
 from ivfmc_ros.scan.recipe import load_recipe
@@ -86,6 +87,7 @@ def declare_scan_parameters(node: CellNode) -> ScanParameters:
     _declare_cell(node)
     _declare_resumption(node)
     declare_check_parameters(node)
+    declare_temperature_parameters(node)
     node.check(_require_request)
     node.check(
         lambda values: require_lasers({key: node.get(key) for key in ('cell', 'lasers')}, values)
