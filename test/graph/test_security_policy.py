@@ -51,8 +51,9 @@ def test_only_the_orchestrator_holds_the_beam(policy):
 
 def test_what_is_received_is_sent_by_a_node_of_the_policy(policy):
     every = {rule for rules in policy.values() for rule in rules}
-    # of the controller of a light curtain, and of a driver that compresses its pictures
-    foreign = {f'{NAMESPACE}/beam_permit', f'{NAMESPACE}/image_raw/compressed', '/clock'}
+    # of the controller of a light curtain, a sensor, and a driver that compresses its pictures
+    names = ('beam_permit', 'temperature', 'image_raw/compressed')
+    foreign = {'/clock', *(f'{NAMESPACE}/{name}' for name in names)}
     for there, here in ((SUBSCRIBE, PUBLISH), (REQUEST, REPLY)):
         wanted = {name for kind, name in every if kind == there} - foreign
         assert wanted <= {name for kind, name in every if kind == here}
