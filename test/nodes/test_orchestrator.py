@@ -323,6 +323,19 @@ def test_temperature_of_a_sensor_is_in_the_answer(client, fake, orchestrator, ce
     assert (Path(answer['folder']) / 'temperature.json').is_file()
 
 
+@pytest.mark.parametrize(('calibrated', 'said'), [(0.0005, True), (0.004, False)])
+def test_exposure_far_from_that_of_the_calibration_is_said(
+    client, fake, orchestrator, cell_file, calibrated, said
+):
+    fake.add_camera('')
+    before = cell_file.read_text()
+    cell_file.write_text(before + f'exposure: {calibrated}\n')
+    success, answer = client.trigger('scan')
+    cell_file.write_text(before)
+    assert success, answer
+    assert ('exposes for 5 ms, in the calibration' in answer.get('detail', '')) == said
+
+
 def test_focus_that_was_changed_is_said(client, fake, orchestrator):
     doubt = 'laser left: its sheet looks 1.60 times as thick as when it was calibrated'
     fake.on_call['recorder/start'] = lambda: fake.say_of_triangulator(

@@ -75,6 +75,7 @@ from ivfmc_ros.pictures import list_picture_tree
 @options.stripe_option
 @click.option('--platter-radius', type=options.LENGTH, help='Radius within which it is bare.')
 @click.option('--thickness', type=options.LENGTH, help='Of the board on the platter.')
+@options.condition_options
 def calibrate_all(
     folders: tuple[Path, ...],
     board: Board,
@@ -86,6 +87,8 @@ def calibrate_all(
     stripe: Stripe,
     platter_radius: float | None,
     thickness: float | None,
+    temperature: float | None,
+    exposure: float | None,
 ) -> None:
     """
     Calibrate camera, lasers and turntable together from PICTURES of all kinds.
@@ -109,6 +112,7 @@ def calibrate_all(
     result = calibrate_jointly(steps, thickness=thickness or 0.0, scale_u=scale_u, where=place)
     warnings = _warnings(result, steps)
     draft = _draft(steps, result, known)
+    draft = draft.with_notes(**options.condition_notes(temperature, exposure))
     written = _write(output, steps, draft, result, found.unknown, warnings)
     options.print_result(
         'Joint calibration', _rows(result, steps), warnings, written, found.unknown

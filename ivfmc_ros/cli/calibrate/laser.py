@@ -65,6 +65,7 @@ _INSPECTED = 4
     help='Radius within which the platter is bare.',
 )
 @click.option('--markers', type=options.MARKERS, help='Markers on the platter, to be masked.')
+@options.condition_options
 def laser(
     folders: tuple[Path, ...],
     camera_file: Path,
@@ -79,6 +80,8 @@ def laser(
     platter: Path | None,
     platter_radius: float,
     markers: Markers | None,
+    temperature: float | None,
+    exposure: float | None,
 ) -> None:
     """
     Calibrate a laser from PICTURES of a board with the stripe on it.
@@ -116,7 +119,8 @@ def laser(
     if draft.turntable is not None:
         # its scale, and a doubt of it, hold until the table is calibrated again
         board_note |= turntable_notes(draft.notes.get('board'))
-    save_draft(cell_file, draft.with_laser(result.laser).with_notes(board=board_note))
+    notes = {'board': board_note, **options.condition_notes(temperature, exposure)}
+    save_draft(cell_file, draft.with_laser(result.laser).with_notes(**notes))
     options.print_result(f'Laser {name}', _rows(result), warnings, files, result.dropped)
 
 

@@ -10,6 +10,7 @@ import math
 from pathlib import Path
 from typing import Any
 from typing import TYPE_CHECKING
+from typing import TypeVar
 
 import click
 from rich.table import Table
@@ -114,6 +115,32 @@ stripe_option = click.option(
     show_default=True,
     help='One stripe point in every row (an upright stripe), or in every column.',
 )
+_temperature_option = click.option(
+    '--temperature',
+    type=click.FloatRange(-50.0, 100.0),
+    metavar='C',
+    help='Of the cell while the pictures were taken; a scan at another one is warned of.',
+)
+_exposure_option = click.option(
+    '--exposure',
+    type=click.FloatRange(1e-6, 10.0),
+    metavar='SECONDS',
+    help='Exposure time of the pictures with the stripe; a scan with another one is warned of.',
+)
+_Command = TypeVar('_Command', bound=Callable[..., Any])
+
+
+def condition_options(command: _Command) -> _Command:
+    """Add the options for the conditions of a calibration: temperature and exposure."""
+    return _temperature_option(_exposure_option(command))
+
+
+def condition_notes(temperature: float | None, exposure: float | None) -> dict[str, float]:
+    """Return the notes of cell.yaml for the conditions that are known."""
+    known = {'temperature_c': temperature, 'exposure': exposure}
+    return {key: value for key, value in known.items() if value is not None}
+
+
 pictures_argument = click.argument(
     'folders', metavar='PICTURES...', nargs=-1, required=True, type=PATH
 )

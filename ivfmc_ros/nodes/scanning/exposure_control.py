@@ -17,6 +17,7 @@ from pathlib import Path
 from sensor_msgs.msg import CameraInfo
 
 from ivfmc_ros import files
+from ivfmc_ros.cell.cell_file import load_draft
 from ivfmc_ros.errors import HelperError
 from ivfmc_ros.errors import ParameterError
 from ivfmc_ros.nodes.convert.stamps import nanoseconds
@@ -33,6 +34,19 @@ _IMAGES_S = 15.0
 # Images after a change of the exposure time before one is sure to have the new one: a camera that
 # exposes while it reads out has begun the next one.
 _SETTLING_IMAGES = 3
+# An exposure time is far from that of the calibration at more than so many times, or less.
+_MAX_RATIO = 4.0
+
+
+def exposure_text(present: float, calibrated: float) -> str:
+    """Return a warning where an exposure time is far from that of the calibration; or ''."""
+    if not calibrated > 0.0 or 1.0 / _MAX_RATIO <= present / calibrated <= _MAX_RATIO:
+        return ''
+    return (
+        f'the camera exposes for {1e3 * present:g} ms, in the calibration of the lasers it did '
+        f'for {1e3 * calibrated:g} ms: the stripes are not those that were calibrated; give the '
+        'camera its exposure back, or calibrate the lasers with the new one'
+    )
 
 
 class ExposureControl:
@@ -45,17 +59,17 @@ class ExposureControl:
         until: Until,
         guard: Callable[[], None],
         exposures: Iterable[float],
-        root: Path,
+        folder: Path,
     ) -> None:
         """
         Make the control of one scan.
 
         exposures : exposure times that the scan sets, seconds; 0 is none
-        root : folder of the scans
+        folder : of the scan, in the folder of the scans
         """
         self._node, self._services, self._until, self._guard = node, services, until, guard
         self._exposures = sorted({seconds for seconds in exposures if seconds})
-        self._file = root / FILE_NAME
+        self._folder, self._file = folder, folder.parent / FILE_NAME
         # parameter ``exposure`` of each node before the scan
         self._own: dict[str, float] = {}
         self._present = 0.0
@@ -77,6 +91,24 @@ class ExposureControl:
         self._own = own
         for seconds in self._exposures:
             await self._set(seconds)
+
+    async def doubts(self) -> list[str]:
+        """
+        Return what the exposure of the camera says about the calibration, if both are known.
+
+        :raises ScanError: cell.yaml of the scan cannot be read
+        """
+        calibrated = load_draft(self._folder / 'cell.yaml').notes.get('exposure')
+        if self._exposures or not isinstance(calibrated, int | float):
+            return []
+        try:
+            present = await self._services.get('camera', 'exposure', self._guard)
+        except HelperError:
+            # a driver of another name
+            return []
+        if not isinstance(present, float):
+            return []
+        return list(filter(None, [exposure_text(present, float(calibrated))]))
 
     async def _give_back_what_was_left(self) -> None:
         """Undo what a scan whose orchestrator was killed has set, unless it was changed since."""

@@ -110,7 +110,7 @@ class GraphTools:
         self._camera = CameraControl(node, services, self._until, self._guard, triggered=triggered)
         exposures = [sweep.exposure for sweep in context.plan.sweeps]
         self._exposure = ExposureControl(
-            node, services, self._until, self._guard, exposures, context.folder.parent
+            node, services, self._until, self._guard, exposures, context.folder
         )
         self._warm_up = WarmUp(link, self._until, context.scan_id, context.request.warm_up)
         self._standstill = Standstill()
@@ -149,6 +149,7 @@ class GraphTools:
             await self._services.trigger('registrar/load', _LOAD_S, self._guard)
         self.camera_info = await self._camera.first_info()
         await self._exposure.prepare()
+        self._checks.notes += await self._exposure.doubts()
         if resumed is not None:
             resumed.require_camera(to_camera(self.camera_info))
             await self._stop_table()

@@ -97,7 +97,10 @@ def test_rendered_cell_is_calibrated_from_pictures(run, pictures, tmp_path):
         tmp_path / 'cell.yaml',
         noted.with_notes(board={**noted.notes['board'], 'scale_doubt': 0.004}),
     )
-    assert run('laser', pictures / 'laser', *cam, '--board', CHESSBOARD, '--name', 'left')[0] == 0
+    again = (*cam, '--board', CHESSBOARD, '--name', 'left', '--exposure', 0.004)
+    assert run('laser', pictures / 'laser', *again, '--temperature', 21.5)[0] == 0
+    notes = load_draft(tmp_path / 'cell.yaml').notes
+    assert (notes['temperature_c'], notes['exposure']) == (21.5, 0.004)
     kept = load_draft(tmp_path / 'cell.yaml').notes['board']
     assert kept['scale_doubt'] == 0.004
     assert kept['turntable_scale'] == noted.notes['board']['turntable_scale']
@@ -116,6 +119,7 @@ def test_folder_of_all_kinds_is_calibrated_together(run, pictures, tmp_path):
     wired = replace(small_cell().turntable, joint='axis_c', trigger_step=0.01)
     save_draft(tmp_path / 'out' / 'cell.yaml', CellDraft(turntable=wired, camera_frame='eye'))
     words = ('--board', CHESSBOARD, '--platter', CHARUCO, '--board-u', '0.02%', '-o', 'out')
+    words = (*words, '--temperature', 22.0)
     code, written = run(pictures, *words)
     assert code == 0, written.err
     assert 'separate steps' in written.out
@@ -126,6 +130,7 @@ def test_folder_of_all_kinds_is_calibrated_together(run, pictures, tmp_path):
     true = cell.turntable.camera_from_base
     assert np.linalg.norm(found.turntable.camera_from_base[:3, 3] - true[:3, 3]) < 1e-3
     assert np.degrees(np.arccos(found.lasers[0].normal @ cell.lasers[0].normal)) < 0.3
+    assert found.notes['temperature_c'] == 22.0
     # wiring, which no picture shows
     assert (found.turntable.joint, found.turntable.trigger_step) == ('axis_c', 0.01)
     assert found.camera_frame == 'eye'

@@ -5,6 +5,12 @@ from pathlib import Path
 from ivfmc_ros.cli.calibrate import options
 
 
+def test_only_known_conditions_are_noted():
+    assert options.condition_notes(None, None) == {}
+    assert options.condition_notes(21.0, None) == {'temperature_c': 21.0}
+    assert options.condition_notes(None, 0.005) == {'exposure': 0.005}
+
+
 def test_file_names_that_look_like_markup_are_printed_literally(capsys):
     folder = Path('Prüfling [neu]')
     options.print_result(
