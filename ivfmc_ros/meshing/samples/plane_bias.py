@@ -18,9 +18,6 @@ from ivfmc_ros.meshing.samples.row_curvature import row_curvature
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 
-# Half length of the windows from which the curvature is estimated, sigmas of the light sheet.
-_CURVATURE_SIGMAS = 3.0
-
 
 def height_over_planes(
     grid: RangeGrid, max_edge: float | None, place: tuple[Ints, ...], planes: LocalPlanes
@@ -39,10 +36,9 @@ def height_over_planes(
     points = grid.points_xyz
     down, right = (connected_to_next(grid, axis, max_edge) for axis in (0, 1))
     normals = grid_normals(points, grid.to_camera, down, right)
-    half_length = _CURVATURE_SIGMAS * grid.thickness
-    along_rows = row_curvature(points, normals, right, down, half_length).value[place]
+    along_rows = row_curvature(points, normals, right, down, grid.thickness).value[place]
     turned = np.swapaxes(points, 0, 1), np.swapaxes(normals, 0, 1)
-    along_columns = row_curvature(*turned, down.T, right.T, half_length).value.T[place]
+    along_columns = row_curvature(*turned, down.T, right.T, grid.thickness).value.T[place]
     # principal directions are not searched: columns are taken to be perpendicular to rows
     row = np.roll(points, -1, axis=1)[place] - np.roll(points, 1, axis=1)[place]
     row = np.nan_to_num(row - _dot(row, planes.normals)[:, None] * planes.normals)

@@ -21,6 +21,8 @@ from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 
 _HALF_WIDTHS = (2, 3, 4, 6, 9, 14, 20)  # columns of the windows to each side
+# Half length of the stretch of surface whose curvature counts, sigmas of the sheet.
+_SHEET_SIGMAS = 3.0
 _ROWS = 7  # to each side, over which the curvature is averaged on one surface
 _MIN_ROWS = 6  # of them, with a window
 _SMOOTH_COSINE = 0.8  # between neighboring normals down a column: one surface (37 degrees)
@@ -45,7 +47,7 @@ class RowCurvature:
 
 
 def row_curvature(
-    points: Floats, normals: Floats, right: Bools, down: Bools, half_length: float
+    points: Floats, normals: Floats, right: Bools, down: Bools, thickness: float
 ) -> RowCurvature:
     """
     Return the curvature of a range grid along its rows.
@@ -54,11 +56,11 @@ def row_curvature(
         there is none
     right, down : (rows, columns) bool, the next column, or row, is connected; the last column to
         the first
-    half_length : meters, of a window to each side, as far as the surface goes on
+    thickness : meters, 1 sigma of the light sheet
     """
     normals = np.nan_to_num(normals)
     runs = ConnectedRuns.of(right, _HALF_WIDTHS[-1])
-    widths = _half_widths(points, right, runs, half_length)
+    widths = _half_widths(points, right, runs, _SHEET_SIGMAS * thickness)
     turn, square = np.zeros(right.shape), np.zeros(right.shape)
     solid = np.nan_to_num(points)
     for width in np.unique(widths).tolist():

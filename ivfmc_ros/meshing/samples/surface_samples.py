@@ -16,7 +16,6 @@ from ivfmc_ros.meshing.samples.range_grid import connected_to_next
 from ivfmc_ros.meshing.samples.range_grid import RangeGrid
 from ivfmc_ros.meshing.samples.row_curvature import row_curvature
 from ivfmc_ros.meshing.samples.stripe_footprint import systematic_sigma
-from ivfmc_ros.meshing.samples.thickness import CURVATURE_SIGMAS
 from ivfmc_ros.meshing.samples.thickness import SheetThickness
 from ivfmc_ros.meshing.samples.thickness import thickness_bias
 from ivfmc_ros.model import Bools
@@ -114,8 +113,7 @@ def _correct_thickness(
     sheet = SheetThickness(
         to_camera=grid.to_camera, error_direction=grid.error_direction, thickness=grid.thickness
     )
-    half_length = CURVATURE_SIGMAS * grid.thickness
-    curvature = row_curvature(grid.points_xyz, normals, right, down, half_length)
+    curvature = row_curvature(grid.points_xyz, normals, right, down, grid.thickness)
     bias, u = thickness_bias(curvature, normals, sheet)
     moved = grid.points_xyz + bias[..., None] * np.nan_to_num(normals)
     return replace(grid, points_xyz=moved), u

@@ -23,8 +23,6 @@ from ivfmc_ros.model import Floats
 # 3 at the shot noise limit; speckle raises it. A regression over rendered pins and holes of 12 to
 # 24 mm gave 3.11, and 1.02 for the factor of the irradiance; over spheres of 22 mm 3.27.
 _FLANK_WEIGHT = 3.1
-# Half length of the stretch of surface whose curvature counts, sigmas of the sheet.
-CURVATURE_SIGMAS = 3.0
 # Least cosines of the incidence of light and of the viewing direction: at grazing incidence the
 # first-order approximation does not hold.
 _MIN_COSINE = 0.2

@@ -8,6 +8,7 @@ from ivfmc_ros.meshing.samples.row_curvature import row_curvature
 ROWS = 40
 NOISE = 25e-6  # meters, of a point
 SPACINGS = [0.05e-3, 0.3e-3, 0.9e-3]  # meters, between columns
+THICKNESS = 1e-3 / 3  # of the sheet: windows of 1 mm to each side
 HALF_LENGTH = 1e-3
 
 
@@ -56,7 +57,7 @@ def test_curvature_of_a_noisy_cylinder_at_any_spacing(spacing, hollow):
     points, normals, right, down = grid(circle(radius), spacing, 0.004)
     if hollow:
         normals = -normals
-    found = row_curvature(*noisy(points, normals), right, down, HALF_LENGTH)
+    found = row_curvature(*noisy(points, normals), right, down, THICKNESS)
     assert found.known.all()
     expected = -1.0 / radius if hollow else 1.0 / radius
     assert found.value.mean() == pytest.approx(expected, rel=0.1)
@@ -68,7 +69,7 @@ def test_curvature_of_a_noisy_cylinder_at_any_spacing(spacing, hollow):
 @pytest.mark.parametrize('spacing', SPACINGS)
 def test_edge_is_not_taken_for_curvature(spacing):
     points, normals, right, down = grid(corner, spacing, 0.006)
-    found = row_curvature(*noisy(points, normals), right, down, HALF_LENGTH)
+    found = row_curvature(*noisy(points, normals), right, down, THICKNESS)
     # to 1 sigma no more than the noise of flat rows
     away = found.value[:, np.abs(points[0, :, 1]) > 2e-3]
     assert np.sqrt((away**2).mean()) < 30.0
@@ -85,7 +86,7 @@ def test_rows_of_another_surface_do_not_count():
     points[20:] = np.stack([flat * 0 + radius, flat, flat * 0 + 0.006], axis=1)
     points[20:, :, 0] += 0.3e-3 * np.arange(20)[:, None]
     normals[20:] = [0.0, 0.0, 1.0]
-    found = row_curvature(points, normals, right, down, HALF_LENGTH)
+    found = row_curvature(points, normals, right, down, THICKNESS)
     assert found.value[19, 13] == pytest.approx(1.0 / radius, rel=0.02)
     assert found.value[20, 13] == pytest.approx(0.0, abs=1.0)
 
@@ -99,14 +100,14 @@ def test_turn_that_closes_has_no_ends():
     yes = np.ones(points.shape[:2], dtype=bool)
     down = yes.copy()
     down[-1] = False
-    found = row_curvature(points, normals, yes, down, HALF_LENGTH)
+    found = row_curvature(points, normals, yes, down, THICKNESS)
     assert found.known.all()
     np.testing.assert_allclose(found.value, 1.0 / radius, rtol=0.02)
 
 
 def test_curvature_of_few_rows_is_unknown():
     points, normals, right, down = grid(circle(0.008), 0.3e-3, 0.004)
-    found = row_curvature(points[:4], normals[:4], right[:4], down[:4], HALF_LENGTH)
+    found = row_curvature(points[:4], normals[:4], right[:4], down[:4], THICKNESS)
     assert not found.known.any()
     assert (found.value == 0.0).all()
     assert found.local[2, 10] == pytest.approx(125.0, rel=0.05)
@@ -116,7 +117,7 @@ def test_missing_points_break_the_rows():
     points, normals, right, down = grid(circle(0.008), 0.3e-3, 0.004)
     points[:, 12], normals[:, 12] = np.nan, np.nan
     right[:, 11:13] = False
-    found = row_curvature(points, normals, right, down, HALF_LENGTH)
+    found = row_curvature(points, normals, right, down, THICKNESS)
     assert np.isfinite(found.value).all()
     np.testing.assert_allclose(found.value[:, :12], 125.0, rtol=0.02)
     assert not found.known[:, 12].any()

@@ -7,7 +7,6 @@ import pytest
 
 from ivfmc_ros.cell.volume import Volume
 from ivfmc_ros.meshing.samples.row_curvature import row_curvature
-from ivfmc_ros.meshing.samples.thickness import CURVATURE_SIGMAS
 from ivfmc_ros.meshing.samples.thickness import SheetThickness
 from ivfmc_ros.meshing.samples.thickness import thickness_bias
 from ivfmc_ros.meshing.samples.view_samples import sample_views
@@ -45,8 +44,8 @@ def connected(points):
 def corrected(points, normals, sheet):
     right, down = connected(points), np.ones(points.shape[:2], dtype=bool)
     down[-1] = False
-    half_length = CURVATURE_SIGMAS * sheet.thickness
-    return thickness_bias(row_curvature(points, normals, right, down, half_length), normals, sheet)
+    curvature = row_curvature(points, normals, right, down, sheet.thickness)
+    return thickness_bias(curvature, normals, sheet)
 
 
 def bias(points, normals, sheet):
