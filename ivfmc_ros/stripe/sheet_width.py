@@ -19,8 +19,8 @@ from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Profile
 from ivfmc_ros.stripe.stripe import Stripe
 
-# A sheet that looks thicker or thinner by these factors is said. Rendered scans in focus are within
-# 0.96 and 1.04, whatever the part; a blur as wide as the stripe makes it 1.4 times as wide.
+# A sheet that looks thicker or thinner by these factors is said. Rendered scans in focus are at
+# 0.96 to 1.04, whatever the part; a blur as wide as the stripe makes it 1.4 times as wide.
 MAX_THICKER, MIN_THINNER = 1.35, 0.7
 # Points of a profile that are looked at, points of a scan that are needed, profiles of these.
 _POINTS, _MIN_POINTS, _MIN_PROFILES = 60, 500, 20
