@@ -4,6 +4,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from ivfmc_ros.cell.volume import Volume
@@ -22,10 +23,14 @@ STEPS = 40
 SHAFT = [(0.03, 0.02), (0.02, 0.02)]
 
 
-def scanned(part, *, blur=1.0, cell=CELL, steps=STEPS):
-    """Return the acquisition of a scan whose stripes are wider than when calibrated."""
+def scanned(part, *, blur=1.0, cell=CELL, steps=STEPS, seen_by=CELL):
+    """
+    Return the acquisition of a scan whose stripes are wider than when calibrated.
+
+    cell : with which it is triangulated; seen_by : that of the pictures
+    """
     optics = replace(OPTICS, stripe_sigma=blur * OPTICS.stripe_sigma)
-    frames = simulate_scan(CELL, part, steps, lasers=[1], seed=5, optics=optics)
+    frames = simulate_scan(seen_by, part, steps, lasers=[1], seed=5, optics=optics)
     acquisition = Acquisition(cell, AcquisitionSettings(volume=Volume(bottom=0.5e-3)))
     for frame in frames:
         acquisition.profile(frame)
@@ -71,3 +76,28 @@ def test_nothing_is_known_of_few_profiles_or_of_a_sheet_that_was_not_calibrated(
     thin = replace(CELL, lasers=tuple(replace(laser, thickness=0.0) for laser in CELL.lasers))
     assert scanned(stepped_shaft(SHAFT), cell=thin).sheets().ratio == {}
     assert blurred.for_new_scan().sheets().ratio == {}
+
+
+def turned_by_90_degrees(cell):
+    """Return the cell with its camera turned about its line of sight: stripes lie in columns."""
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    K, camera, table = cell.camera.K, cell.camera, cell.turntable
+    turned = np.diag([K[1, 1], K[0, 0], 1.0])
+    turned[:2, 2] = camera.height - 1.0 - K[1, 2], K[0, 2]
+    pose = np.eye(4)
+    pose[:3, :3] = quarter
+    return replace(
+        cell,
+        camera=replace(camera, width=camera.height, height=camera.width, K=turned),
+        turntable=replace(table, camera_from_base=pose @ table.camera_from_base),
+        lasers=tuple(
+            replace(laser, normal=quarter @ laser.normal, stripe='columns')
+            for laser in cell.lasers
+        ),
+    )
+
+
+def test_stripes_that_lie_in_columns_are_judged_too():
+    cell = turned_by_90_degrees(CELL)
+    found = scanned(stepped_shaft(SHAFT), cell=cell, seen_by=cell).sheets()
+    assert found.ratio == {'right': pytest.approx(1.0, abs=0.07)}

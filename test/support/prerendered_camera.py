@@ -61,7 +61,9 @@ class PrerenderedScene:
 
     def __init__(self, scene: live_camera.LiveScene, folder: Path) -> None:
         self._scene = scene
-        self._lasers = [np.load(file, mmap_mode='r') for file in sorted(folder.glob('*.npy'))]
+        # into memory: files that were just written are still being written to the disk, and a
+        # picture that is read late is one that a camera would have had
+        self._lasers = [np.load(file) for file in sorted(folder.glob('*.npy'))]
         self.step = 2.0 * math.pi / len(self._lasers[0])
         self._last = 0
         self._rng = np.random.default_rng(0)
