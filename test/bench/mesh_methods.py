@@ -31,6 +31,9 @@ from ivfmc_ros.meshing.samples.surface_samples import merge_samples
 from ivfmc_ros.meshing.samples.surface_samples import sample_grid
 from ivfmc_ros.meshing.samples.surface_samples import SurfaceSamples
 from ivfmc_ros.meshing.settings import MeshSettings
+from ivfmc_ros.model import BASE
+from ivfmc_ros.model import BRIDGED
+from ivfmc_ros.model import FILLED
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import MEASURED
 from ivfmc_ros.model import Mesh
@@ -212,11 +215,24 @@ def closed(name: str, part: Solid, made: Reconstruction) -> Iterator[Number]:
     note = f'{len(mesh.faces)} faces, blockwise by open3d'
     yield Number(f'{name}, faces that intersect', crossed, '', at_most(0), note)
     off = abs(read.volume * 1e-9 / part.volume - 1.0)
-    yield Number(f'{name}, volume', off * 100, '%', at_most(0.1))
+    yield Number(f'{name}, volume', off * 100, '%', at_most(0.1), volume_by_kind(mesh, part))
     spacing = max(median_spacings(made.views[0].points_xyz))
     bar = at_most(max(1.5 * spacing, STRIPE_WIDTH) * 1e3)
     note = f'spacing {spacing * 1e3:.2f} mm, stripe {STRIPE_WIDTH * 1e3:.1f} mm wide'
     yield Number(f'{name}, edge radius, median', edge_radius(mesh, part) * 1e3, 'mm', bar, note)
+
+
+def volume_by_kind(mesh: Mesh, part: Solid) -> str:
+    """Return how much of the volume lies between the CAD and the faces of each kind."""
+    corners = mesh.vertices_xyz[mesh.faces]
+    sides = corners[:, 1:] - corners[:, :1]
+    area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    truth = Surface(part.vertices_xyz, part.faces)
+    between = area * truth.signed_distance(corners.mean(axis=1)) / part.volume
+    kinds = np.zeros(len(area)) if mesh.kind is None else mesh.kind
+    names = {'measured': MEASURED, 'bridged': BRIDGED, 'base': BASE, 'filled': FILLED}
+    parts = (f'{key} {100 * between[kinds == kind].sum():+.3f} %' for key, kind in names.items())
+    return f'between CAD and faces: {", ".join(parts)}'
 
 
 def edge_radius(mesh: Mesh, part: Solid) -> float:
