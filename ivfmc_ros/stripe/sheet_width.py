@@ -14,6 +14,7 @@ import numpy as np
 
 from ivfmc_ros.cell import transforms
 from ivfmc_ros.cell.cell import Cell
+from ivfmc_ros.cell.laser import LaserPlane
 from ivfmc_ros.model import Floats
 from ivfmc_ros.model import Ints
 from ivfmc_ros.model import Profile
@@ -26,8 +27,9 @@ MAX_THICKER, MIN_THINNER = 1.35, 0.7
 _POINTS, _MIN_POINTS, _MIN_PROFILES = 60, 500, 20
 # Rows to each side between which the direction of the stripe is taken.
 _ROWS = 4
-# The other profile is at a distance of at least so many sheets, and at most this turn, radians.
-_MIN_STEP, _MAX_TURN = 1.0, 0.2
+# The other profile is at a distance of at least so many sheets, and between these turns, radians:
+# 200 profiles of a turn tell enough, and each costs half a millisecond.
+_MIN_STEP, _MIN_TURN, _MAX_TURN = 1.0, 0.03, 0.2
 # A step that is longer than this many arcs of the turn goes to another surface.
 _MAX_STRETCH = 2.5
 _MIN_FACING = 0.5  # cosine between surface normal and line of sight
@@ -78,10 +80,12 @@ class SheetWidth:
         before = self._seen.get(profile.laser)
         turn = np.inf if before is None else abs(profile.angle - before.profile.angle)
         is_other = before is None or before.profile.view != profile.view
-        if before is None or is_other or not 0.0 < turn < _MAX_TURN:
+        if before is None or is_other or not turn < _MAX_TURN:
             self._seen[profile.laser] = now
             return
-        ours, theirs = _common(now.rows, before.rows)
+        if turn < _MIN_TURN:
+            return
+        _, ours, theirs = np.intersect1d(now.rows, before.rows, return_indices=True)
         step = profile.points_xyz[ours] - before.profile.points_xyz[theirs]
         length = np.linalg.norm(step, axis=1)
         if not len(ours) or np.median(length) < _MIN_STEP * laser.thickness:
@@ -122,7 +126,7 @@ class SheetWidth:
         good = (cosine > _MIN_FACING) & (profile.intensity[chosen] < _MAX_INTENSITY)
         return np.asarray(thickness[good & np.isfinite(thickness)])
 
-    def ratio(self, laser: int) -> float | None:
+    def _ratio(self, laser: int) -> float | None:
         """Return the median thickness over that of ``cell.yaml``; None for too few points."""
         found = self._found.get(laser, [])
         values = np.concatenate([np.zeros(0), *found])
@@ -132,35 +136,27 @@ class SheetWidth:
 
     def judge(self) -> SheetVerdict:
         """Return what the stripes so far say about the focus."""
-        lasers = self._cell.lasers
-        known = {lasers[laser].name: self.ratio(laser) for laser in sorted(self._found)}
-        texts = map(self._advice, sorted(self._found))
+        ratios = {laser: self._ratio(laser) for laser in sorted(self._found)}
+        known = {self._cell.lasers[k]: ratio for k, ratio in ratios.items() if ratio is not None}
         return SheetVerdict(
-            ratio={name: ratio for name, ratio in known.items() if ratio is not None},
-            advice='; '.join(filter(None, texts)),
-        )
-
-    def _advice(self, laser: int) -> str:
-        ratio, plane = self.ratio(laser), self._cell.lasers[laser]
-        if ratio is None or MIN_THINNER <= ratio <= MAX_THICKER:
-            return ''
-        begin = (
-            f'laser {plane.name}: its sheet looks {ratio:.2f} times as thick as when it was '
-            f'calibrated ({1e3 * plane.thickness:.3f} mm, 1 sigma): '
-        )
-        if ratio < 1.0:
-            return begin + 'the focus of camera or laser was changed; calibrate both again'
-        return begin + (
-            'the focus of camera or laser was changed (calibrate both again), the exposure is '
-            'far too long, or the material scatters light'
+            ratio={plane.name: ratio for plane, ratio in known.items()},
+            advice='; '.join(filter(None, (_advice(*item) for item in known.items()))),
         )
 
 
-def _common(ours: Ints, theirs: Ints) -> tuple[Ints, Ints]:
-    """Return the indices of the rows that both have."""
-    _, first, second = np.intersect1d(ours, theirs, return_indices=True)
-    order = np.argsort(first)
-    return first[order], second[order]
+def _advice(plane: LaserPlane, ratio: float) -> str:
+    if MIN_THINNER <= ratio <= MAX_THICKER:
+        return ''
+    begin = (
+        f'laser {plane.name}: its sheet looks {ratio:.2f} times as thick as when it was '
+        f'calibrated ({1e3 * plane.thickness:.3f} mm, 1 sigma): '
+    )
+    if ratio < 1.0:
+        return begin + 'the focus of camera or laser was changed; calibrate both again'
+    return begin + (
+        'the focus of camera or laser was changed (calibrate both again), the exposure is '
+        'far too long, or the material scatters light'
+    )
 
 
 def _widths(stripe: Stripe, rows: Ints, along: int) -> Floats:

@@ -108,7 +108,8 @@ class ExposureControl:
             return []
         if not isinstance(present, float):
             return []
-        return list(filter(None, [exposure_text(present, float(calibrated))]))
+        text = exposure_text(present, float(calibrated))
+        return [text] if text else []
 
     async def _give_back_what_was_left(self) -> None:
         """Undo what a scan whose orchestrator was killed has set, unless it was changed since."""

@@ -38,6 +38,7 @@ from ivfmc_ros.scan.state_machine import FINAL_STAGES
 from ivfmc_ros.scan.state_machine import Stage
 from ivfmc_ros.scan.state_machine import StateMachine
 from ivfmc_ros.scan.stored_recipe import store_recipe
+from ivfmc_ros.scan.temperature import load_temperature
 from ivfmc_ros.storage.catalogue.calibrations import add_calibration
 from ivfmc_ros.storage.catalogue.catalogue import Catalogue
 from ivfmc_ros.storage.catalogue.catalogue_writer import CatalogueWriter
@@ -274,7 +275,8 @@ class RunningScan:
         }
         if outcome.detail:
             answer['detail'] = outcome.detail
-        if (temperature := self.link.temperature.summary()) is not None:
+        # as the inspection has it: readings may have come since
+        if (temperature := load_temperature(self.folder)) is not None:
             answer['temperature'] = asdict(temperature)
         if outcome.inspection:
             answer['verdict'] = outcome.inspection['verdict']
